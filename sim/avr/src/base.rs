@@ -19,6 +19,13 @@ use sim_base::Noise;
 /// Most violations that are kept. A program with a mistake in a loop makes millions.
 const VIOLATIONS_KEPT: usize = 1000;
 
+/// Opcodes, without their operands.
+const IN: u16 = 0xB000;
+const OUT: u16 = 0xB800;
+const BIT_INSTRUCTIONS: u16 = 0x9800;
+const SBI: u16 = 0x9A00;
+const CBI: u16 = 0x9800;
+
 /// A mistake of the program that a real chip does not report.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Violation {
@@ -155,6 +162,34 @@ impl Base {
     /// Simulated time since the start. A reset does not change it.
     pub fn now(&self) -> Cycles {
         self.time_of(self.core.cycle())
+    }
+
+    /// Time at which a write by the present instruction takes effect: the clock edge at its end.
+    /// OUT takes one cycle, all other stores two.
+    pub fn write_time(&self) -> Cycles {
+        self.now() + if self.core.opcode() & 0xF800 == OUT { 1 } else { 2 }
+    }
+
+    /// Time whose value a read by the present instruction has: the start of the cycle in which it
+    /// reads. That is the first cycle of IN, SBIC, SBIS, SBI and CBI, and the second of all others.
+    pub fn read_time(&self) -> Cycles {
+        let opcode = self.core.opcode();
+        let is_first = opcode & 0xF800 == IN || opcode & 0xFC00 == BIT_INSTRUCTIONS;
+        self.now() + if is_first { 0 } else { 1 }
+    }
+
+    /// The bits of `value` that the present instruction writes as one to a register in which a one
+    /// has an effect and a zero none.
+    ///
+    /// > [...] the CBI and SBI instructions will only operate on the specified bit, and can
+    /// > therefore be used on registers containing such Status Flags. (section 31, note 3)
+    pub fn with_single_bit(&self, value: u8) -> u8 {
+        let opcode = self.core.opcode();
+        match opcode & 0xFF00 {
+            SBI => 1 << (opcode & 0b111),
+            CBI => 0,
+            _ => value,
+        }
     }
 
     /// Simulated time at which simavr's clock is `cycle`.

@@ -3,8 +3,8 @@
 //! [`Core`] owns simavr's `avr_t` and has pointers to its peripherals. Its reads and writes of
 //! registers have no side effects. The models in the other files implement the side effects of the
 //! program's writes. They replace simavr's own handlers for the SPI, USART0, the EEPROM,
-//! self-programming and the waveforms of Timer1. simavr keeps the instructions, interrupts,
-//! ports, the ADC, Timer0, Timer2, and the watchdog without its oscillator.
+//! self-programming and the timers. simavr keeps the instructions, interrupts, ports, the ADC, and
+//! the watchdog without its oscillator.
 
 use std::cell::OnceCell;
 use std::ffi::{CStr, CString, c_char, c_int, c_void};
@@ -76,6 +76,9 @@ pub(super) enum Vector {
     SpmReady,
     /// INT0 or INT1, by its number.
     External(u8),
+    /// A timer, by its number and the mask of the flag in TIFRn.
+    Timer(u8, u8),
+    Watchdog,
 }
 
 /// State of the core.
@@ -119,7 +122,7 @@ pub(super) struct Core {
     spi: *mut ffi::avr_spi_t,
     eeprom: *mut ffi::avr_eeprom_t,
     adc: *mut ffi::avr_adc_t,
-    timer1: *mut ffi::avr_timer_t,
+    timers: [*mut ffi::avr_timer_t; 3],
     watchdog: *mut ffi::avr_watchdog_t,
     extint: *mut ffi::avr_extint_t,
     flash: *mut ffi::avr_flash_t,
@@ -162,25 +165,25 @@ impl Core {
             spi: find(avr, c"spi", '\0').cast(),
             eeprom: find(avr, c"eeprom", '\0').cast(),
             adc: find(avr, c"adc", '\0').cast(),
-            timer1: find(avr, c"timer", '1').cast(),
+            timers: ['0', '1', '2'].map(|name| find(avr, c"timer", name).cast()),
             watchdog: find(avr, c"watchdog", '\0').cast(),
             extint: find(avr, c"extint", '\0').cast(),
             flash: find(avr, c"flash", '\0').cast(),
             owner: OnceCell::new(),
         };
-        let modules: [*mut c_void; 8] = [
+        let modules: [*mut c_void; 7] = [
             core.uart.cast(),
             core.spi.cast(),
             core.eeprom.cast(),
             core.adc.cast(),
-            core.timer1.cast(),
             core.watchdog.cast(),
             core.extint.cast(),
             core.flash.cast(),
         ];
         ensure!(
             modules.iter().all(|module| !module.is_null())
-                && core.ports.iter().all(|port| !port.is_null()),
+                && core.ports.iter().all(|port| !port.is_null())
+                && core.timers.iter().all(|timer| !timer.is_null()),
             "this simavr's {chip} lacks a peripheral"
         );
         Ok(core)
@@ -433,6 +436,16 @@ impl Core {
                 Vector::EepromReady => &raw mut (*self.eeprom).ready,
                 Vector::SpmReady => &raw mut (*self.flash).flash,
                 Vector::External(n) => &raw mut (*self.extint).eint[usize::from(n)].vector,
+                Vector::Watchdog => &raw mut (*self.watchdog).watchdog,
+                Vector::Timer(n, flag) => {
+                    let timer = self.timers[usize::from(n)];
+                    match flag {
+                        0b0001 => &raw mut (*timer).overflow,
+                        0b0010 => &raw mut (*timer).comp[0].interrupt,
+                        0b0100 => &raw mut (*timer).comp[1].interrupt,
+                        _ => &raw mut (*timer).icr,
+                    }
+                }
             }
         }
     }
@@ -559,9 +572,8 @@ impl Core {
     /// Applies a level from outside to an input pin. This updates PINx, and requests pin change and
     /// external interrupts.
     pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
-        assert!(bit < 8);
-        // Safety: see the invariant of `Core`; each port has an IRQ per pin.
-        unsafe { ffi::avr_raise_irq((*self.ports[port]).io.irq.add(bit.into()), level.into()) }
+        // Safety: see the invariant of `Core`; the pointer is valid.
+        unsafe { ffi::avr_raise_irq(self.pin_irq(port, bit), level.into()) }
     }
 
     /// Calls `notify` with 1 when a time-out of the watchdog requests its interrupt.
@@ -580,14 +592,13 @@ impl Core {
         unsafe { (*self.watchdog).cycle_count = cycles }
     }
 
-    /// Removes the watchdog's request for its interrupt from simavr's queue, which has room for 63
-    /// requests. simavr would leave it there.
-    pub fn withdraw_watchdog(&self) {
+    /// Removes an interrupt's request from simavr's queue, which has room for 63 requests. simavr
+    /// would leave it there.
+    pub fn withdraw(&self, vector: Vector) {
         // Safety: see the invariant of `Core`. The queue is a ring; `read` and `write` stay below
-        // its length, and simavr sets interrupt_state like this after each change of the
-        // queue.
+        // its length, and simavr sets interrupt_state like this after each change of the queue.
         unsafe {
-            let vector = &raw mut (*self.watchdog).watchdog;
+            let vector = self.vector(vector);
             (*vector).set_pending(0);
             let queue = &mut (*self.avr).interrupts.pending;
             let length = queue.buffer.len() as u16;
@@ -614,17 +625,56 @@ impl Core {
         unsafe { ffi::avr_ioctl(self.avr, u32::from_be_bytes(*b"wdtr"), ptr::null_mut()) };
     }
 
-    /// Disconnects simavr's Timer1 from OC1A and OC1B. `timer1` models their edges; simavr would
-    /// write them into PORTB.
+    /// Disconnects simavr's Timer1 from ICP1. `timers` models the input capture; simavr would store
+    /// the value of its own counter.
     pub fn disconnect_timer1(&self) {
-        for (compare, bit) in [(0, 1), (1, 2)] {
-            // Safety: see the invariant of `Core`; both IRQs exist. avr_unconnect_irq does nothing
-            // if they are apart.
-            unsafe {
-                let source = (*self.timer1).io.irq.add(ffi::TIMER_IRQ_OUT_COMP as usize + compare);
-                ffi::avr_unconnect_irq(source, (*self.ports[0]).io.irq.add(bit));
-            }
+        // Safety: see the invariant of `Core`; both IRQs exist. avr_unconnect_irq does nothing if
+        // they are apart.
+        unsafe {
+            let target = (*self.timers[1]).io.irq.add(ffi::TIMER_IRQ_IN_ICP as usize);
+            ffi::avr_unconnect_irq((*self.ports[0]).io.irq, target);
         }
+    }
+
+    /// Gives a pin a level that simavr's own writes to the port do not change, until
+    /// [`Core::release_pin`]. Requests pin change and external interrupts if the level changes.
+    pub fn hold_pin(&self, port: usize, bit: u8, level: bool) {
+        self.release_pin(port, bit);
+        self.drive_pin(port, bit, level);
+        // Safety: as `release_pin`.
+        unsafe { (*self.pin_irq(port, bit)).flags |= ffi::IRQ_FLAG_STRONG as u8 }
+    }
+
+    /// Ends `hold_pin`. The pin keeps its level until the next write to its port.
+    pub fn release_pin(&self, port: usize, bit: u8) {
+        // Safety: see the invariant of `Core`; the pointer is valid.
+        unsafe { (*self.pin_irq(port, bit)).flags &= !(ffi::IRQ_FLAG_STRONG as u8) }
+    }
+
+    fn pin_irq(&self, port: usize, bit: u8) -> *mut ffi::avr_irq_t {
+        assert!(bit < 8);
+        // Safety: see the invariant of `Core`; each port has an IRQ per pin.
+        unsafe { (*self.ports[port]).io.irq.add(bit.into()) }
+    }
+
+    /// Removes simavr's own handler for SBI and CBI of the register at `address`, which is below
+    /// 0x40. They then read and write the register.
+    pub fn unhook_bit_writes(&self, address: u16) {
+        // Safety: see the invariant of `Core`; bit_io has an entry for each address from 0x20 to
+        // 0x3F, and the index is checked.
+        unsafe { (*self.avr).bit_io[usize::from(address - regs::IO_FIRST)].c = None }
+    }
+
+    /// First word of the instruction at the program counter, or 0 beyond the end of the flash.
+    /// While an instruction runs, it is that instruction.
+    pub fn opcode(&self) -> u16 {
+        let pc = self.pc() as usize;
+        if pc + 1 >= self.chip.flash_bytes() {
+            return 0;
+        }
+        // Safety: see the invariant of `Core`; the flash holds both bytes.
+        let bytes = unsafe { [*(*self.avr).flash.add(pc), *(*self.avr).flash.add(pc + 1)] };
+        u16::from_le_bytes(bytes)
     }
 }
 

@@ -111,7 +111,7 @@ impl Debugger {
         Some(if address == regs::SREG {
             self.machine.base.core.sreg()
         } else {
-            self.machine.base.core.get(address)
+            self.machine.peek(address)
         })
     }
 

@@ -13,17 +13,17 @@
 //! machine                the run loop, resets, simavr's callbacks
 //! ├─ peripherals
 //! │  ├─ spi, uart, nvm   replace simavr's models (nvm: eeprom, spm)
-//! │  ├─ timer1           the waveforms of OC1A and OC1B; simavr keeps the interrupts
+//! │  ├─ timers           replaces simavr's Timer0, Timer1 and Timer2
 //! │  ├─ extint           edges of INT0 and INT1 that come while masked, which simavr loses
 //! │  └─ watchdog         the watchdog's oscillator, with tolerance and jitter
 //! ├─ adc, pins           voltages and levels from outside
 //! └─ debug, trace        for debuggers and profilers
 //! base                   time, timers, violations; the trait of the peripherals
-//! core                   simavr: instructions, interrupts, ports, ADC, Timer0/2, watchdog
+//! core                   simavr: instructions, interrupts, ports, ADC, watchdog
 //! ```
 //!
-//! Limits: every sleep mode is Idle and wakes at once; CLKPR and PRR have no effect; IVSEL needs no
-//! IVCE. Each file names further limits.
+//! Limits: every sleep mode is Idle and wakes at once; CLKPR has no effect, and PRR on the timers
+//! only; IVSEL needs no IVCE. Each file names further limits.
 //!
 //! Of the simulator's crates only this one has `unsafe` code, in `core` and `machine`. It is sound
 //! because simavr's memory lives as long as the machine, all code runs on one thread, and callbacks
@@ -49,7 +49,7 @@ mod pulse;
 pub mod regs;
 mod spi;
 mod spm;
-mod timer1;
+mod timers;
 mod trace;
 mod uart;
 mod watchdog;
@@ -71,7 +71,7 @@ pub use pins::PinWatcher;
 pub use pulse::{Pulse, PulseMeter};
 pub use spi::{SpiByte, SpiDevice};
 pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
-pub use timer1::Oc;
+pub use timers::Oc;
 pub use trace::{Moment, Tracer};
 pub use uart::SerialCharacter;
 
@@ -281,10 +281,9 @@ impl Avr {
         self.machine.level(pins::port_index(port), bit)
     }
 
-    /// Calls `watcher` at each change of a pin. [`Avr::take_edges`] has the edges that Timer1
-    /// makes.
+    /// Calls `watcher` at each change of a pin. Edges that a timer makes have their exact time.
     pub fn watch_pin(&mut self, port: char, bit: u8, watcher: PinWatcher) {
-        self.machine.pins.watch(&self.machine.base, pins::port_index(port), bit, watcher);
+        self.machine.watch_pin(pins::port_index(port), bit, watcher);
     }
 
     /// Drives a pin from outside, also during resets. Has no effect while the pin is an output.
@@ -369,7 +368,7 @@ impl Avr {
     /// Removes and returns the edges of OC1A or OC1B since the last call, exact to the cycle, while
     /// the pin is an output.
     pub fn take_edges(&mut self, oc: Oc) -> Vec<(Cycles, bool)> {
-        self.machine.peripherals.timer1.borrow_mut().take_edges(oc, self.now())
+        self.machine.peripherals.timers.take_edges(&self.machine.base, oc)
     }
 
     /// Duty cycle of OC2B (D3), 0 to 1, if Timer2 drives it in a PWM mode (datasheet section 18.7).
@@ -395,12 +394,12 @@ impl Avr {
     /// # Panics
     /// If `address` is above the end of the RAM.
     pub fn sram(&self, address: u16) -> u8 {
-        self.machine.base.core.get(address)
+        self.machine.peek(address)
     }
 
     /// Bytes of the data space.
     pub fn sram_range(&self, addresses: RangeInclusive<u16>) -> Vec<u8> {
-        addresses.map(|address| self.machine.base.core.get(address)).collect()
+        addresses.map(|address| self.machine.peek(address)).collect()
     }
 
     /// Sets a byte of the data space, without side effects. For causing faults.

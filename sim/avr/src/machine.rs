@@ -26,10 +26,10 @@ use super::core::{Access, Activity, Core, FLASH_LPM, FLASH_SPM};
 use super::debug::Debug;
 use super::extint::ExternalInterrupts;
 use super::nvm::Nvm;
-use super::pins::{PORT_B, Pins};
+use super::pins::{PORT_B, PORT_D, PinWatcher, Pins};
 use super::regs;
 use super::spi::Spi;
-use super::timer1::{Oc, Timer1};
+use super::timers::Timers;
 use super::trace::Trace;
 use super::uart::Uart;
 use super::watchdog::Watchdog;
@@ -71,13 +71,16 @@ peripherals! {
     spi: Spi,
     uart: RefCell<Uart>,
     nvm: Nvm,
-    timer1: RefCell<Timer1>,
+    timers: Timers,
     watchdog: RefCell<Watchdog>,
     external_interrupts: ExternalInterrupts,
 }
 
 /// Expires at the end of `run_until`.
 const STOP: Timer = Timer("stop");
+
+/// Bit of port B that is ICP1.
+const ICP1: u8 = 0;
 
 /// End of the addresses of registers.
 const REGISTERS: usize = 0x100;
@@ -138,13 +141,14 @@ impl Machine {
             }
             timers.extend(peripheral.timers().iter().map(|timer| (*timer, index)));
         }
+        let pins = Pins::new(peripherals.timers.overrides());
         let machine = Rc::new(Machine {
             base: Base::new(chip)?,
             peripherals,
             owners,
             timers,
             adc: RefCell::new(Adc::new()),
-            pins: Pins::default(),
+            pins,
             debug: Debug::default(),
             trace: Trace::default(),
             resets: RefCell::default(),
@@ -163,7 +167,10 @@ impl Machine {
         core.hook_watchdog(Some(on_watchdog));
         core.hook_flash(on_flash);
         base.hook_write(regs::MCUSR, Some(on_write));
-        core.hook_read(regs::PINB, Some(on_read));
+        for pins in [regs::PINB, regs::PIND] {
+            core.hook_read(pins, Some(on_read));
+            core.unhook_bit_writes(pins);
+        }
         for peripheral in machine.peripherals.iter() {
             for address in peripheral.writes() {
                 base.hook_write(*address, Some(on_write));
@@ -172,7 +179,20 @@ impl Machine {
                 core.hook_read(*address, Some(on_read));
             }
         }
+        let capture = Rc::downgrade(&machine);
+        let on_icp1 = Box::new(move |level, at| {
+            if let Some(machine) = capture.upgrade() {
+                machine.peripherals.timers.input_edge(&machine.base, level, at);
+            }
+        });
+        machine.watch_pin(PORT_B, ICP1, on_icp1);
         Ok(machine)
+    }
+
+    /// Calls `watcher` at each change of the pin from now on.
+    pub fn watch_pin(&self, port: usize, bit: u8, watcher: PinWatcher) {
+        self.peripherals.timers.watch(&self.base, port, bit);
+        self.pins.watch(&self.base, port, bit, watcher);
     }
 
     pub fn resets_after(&self, first: usize) -> Vec<Reset> {
@@ -265,7 +285,6 @@ impl Machine {
     /// Corrects the state after simavr's reset: resets the models, and drives the pins from outside
     /// again.
     fn after_reset(&self) {
-        self.base.core.disconnect_timer1();
         for peripheral in self.peripherals.iter() {
             peripheral.reset(&self.base, &mut self.power_on_noise.borrow_mut());
         }
@@ -288,22 +307,31 @@ impl Machine {
     }
 
     fn read(&self, address: u16) -> u8 {
-        if address == regs::PINB {
-            return (0..8).fold(0, |pins, bit| pins | u8::from(self.level(PORT_B, bit)) << bit);
+        let port = match address {
+            regs::PINB => Some(PORT_B),
+            regs::PIND => Some(PORT_D),
+            _ => None,
+        };
+        if let Some(port) = port {
+            self.peripherals.timers.advance_port(&self.base, port, self.base.read_time());
+            return self.pins.levels(&self.base, port);
         }
         self.owner(address)
             .map_or_else(|| self.base.core.get(address), |owner| owner.read(&self.base, address))
     }
 
-    /// True if a pin is high. Timer1 can drive two of the pins.
+    /// True if a pin is high.
     pub fn level(&self, port: usize, bit: u8) -> bool {
-        let output = |oc| self.peripherals.timer1.borrow_mut().output(oc, self.base.now());
-        let compare_output = match (port, bit) {
-            (PORT_B, 1) => output(Oc::A),
-            (PORT_B, 2) => output(Oc::B),
-            _ => None,
-        };
-        compare_output.unwrap_or_else(|| self.pins.level(&self.base, port, bit))
+        self.peripherals.timers.advance_port(&self.base, port, self.base.now());
+        self.pins.level(&self.base, port, bit)
+    }
+
+    /// A byte of the data space for a look from outside, which has no side effect.
+    pub fn peek(&self, address: u16) -> u8 {
+        if address < regs::RAMSTART {
+            self.peripherals.timers.publish(&self.base);
+        }
+        self.base.core.get(address)
     }
 
     fn expire(&self, timer: Timer, at: Cycles) {

@@ -1,8 +1,7 @@
 //! The pins: their levels, their watchers, and the levels that are driven from outside.
 //!
-//! An output has the level of its PORT bit. An input has the level that is driven from outside,
-//! else that of its pull-up, else its last one. The module `timer1` has the levels that Timer1
-//! drives.
+//! An output has the level of the compare unit that drives it, else that of its PORT bit. An input
+//! has the level that is driven from outside, else that of its pull-up, else its last one.
 
 use std::cell::{Cell, RefCell};
 use std::ffi::c_void;
@@ -20,6 +19,48 @@ pub type PinWatcher = Box<dyn FnMut(bool, Cycles)>;
 const PORTS: [char; 3] = ['B', 'C', 'D'];
 /// Index of port B.
 pub(super) const PORT_B: usize = 0;
+/// Index of port D.
+pub(super) const PORT_D: usize = 2;
+
+/// Address of PORTx; DDRx and PINx precede it.
+pub(super) fn port_register(port: usize) -> u16 {
+    regs::pin_register(PORTS[port]) + 2
+}
+
+/// The levels that the timers' compare units drive on outputs, in place of PORTx.
+#[derive(Default)]
+pub(super) struct Overrides {
+    driven: [Cell<u8>; 3],
+    levels: [Cell<u8>; 3],
+    /// Time of the edge that simavr is told of; watchers get it in place of the present time.
+    edge_at: Cell<Option<Cycles>>,
+}
+
+impl Overrides {
+    /// The level that a compare unit drives on a pin.
+    pub fn level(&self, port: usize, bit: u8) -> Option<bool> {
+        let mask = 1 << bit;
+        (self.driven[port].get() & mask != 0).then(|| self.levels[port].get() & mask != 0)
+    }
+
+    /// Sets the level that a compare unit drives on a pin.
+    pub fn set(&self, port: usize, bit: u8, level: Option<bool>) {
+        set_bit(&self.driven[port], bit, level.is_some());
+        set_bit(&self.levels[port], bit, level == Some(true));
+    }
+
+    /// Tells simavr of an edge at this time.
+    pub fn with_edge_at(&self, at: Cycles, tell: impl FnOnce()) {
+        self.edge_at.set(Some(at));
+        tell();
+        self.edge_at.set(None);
+    }
+}
+
+fn set_bit(cell: &Cell<u8>, bit: u8, on: bool) {
+    let mask = 1 << bit;
+    cell.set(cell.get() & !mask | if on { mask } else { 0 });
+}
 
 struct Watch {
     base: *const Base,
@@ -35,10 +76,10 @@ struct Watch {
 struct Drive {
     driven: [Cell<u8>; 3],
     levels: [Cell<u8>; 3],
+    overrides: Rc<Overrides>,
 }
 
 /// The pins of a chip.
-#[derive(Default)]
 pub(super) struct Pins {
     drive: Rc<Drive>,
     watches: RefCell<Vec<Rc<Watch>>>,
@@ -55,6 +96,9 @@ pub(super) fn port_index(port: char) -> usize {
 impl Drive {
     /// True if a pin is high.
     fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
+        if let Some(level) = self.overrides.level(port, bit) {
+            return level;
+        }
         let pin_register = regs::pin_register(PORTS[port]);
         let mask = 1 << bit;
         let [pin, ddr, latch] =
@@ -70,6 +114,17 @@ impl Drive {
 }
 
 impl Pins {
+    /// The pins of a chip whose timers drive these levels.
+    pub fn new(overrides: Rc<Overrides>) -> Pins {
+        let drive = Drive { overrides, ..Drive::default() };
+        Pins { drive: Rc::new(drive), watches: RefCell::default() }
+    }
+
+    /// The levels of a port's pins: the value of PINx.
+    pub fn levels(&self, base: &Base, port: usize) -> u8 {
+        (0..8).fold(0, |pins, bit| pins | u8::from(self.level(base, port, bit)) << bit)
+    }
+
     /// True if a pin is high.
     pub fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
         self.drive.level(base, port, bit)
@@ -77,11 +132,8 @@ impl Pins {
 
     /// Drives a pin from outside; `None` stops driving it.
     pub fn drive(&self, base: &Base, port: usize, bit: u8, level: Option<bool>) {
-        let mask = 1u8 << bit;
-        let set =
-            |cell: &Cell<u8>, on: bool| cell.set(cell.get() & !mask | if on { mask } else { 0 });
-        set(&self.drive.driven[port], level.is_some());
-        set(&self.drive.levels[port], level == Some(true));
+        set_bit(&self.drive.driven[port], bit, level.is_some());
+        set_bit(&self.drive.levels[port], bit, level == Some(true));
         base.core.set_external(port, self.drive.driven[port].get(), self.drive.levels[port].get());
         self.apply(base, port, bit);
     }
@@ -131,7 +183,8 @@ impl Watch {
         if self.level.replace(level) != level {
             let watcher = self.watcher.take();
             if let Some(mut watcher) = watcher {
-                watcher(level, base.now());
+                let at = self.drive.overrides.edge_at.get();
+                watcher(level, at.unwrap_or_else(|| base.now()));
                 self.watcher.replace(Some(watcher));
             }
         }

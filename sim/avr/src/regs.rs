@@ -20,6 +20,10 @@ pub const PIND: u16 = 0x29;
 pub const DDRD: u16 = 0x2A;
 pub const PORTD: u16 = 0x2B;
 
+pub const TIFR0: u16 = 0x35;
+pub const TIFR1: u16 = 0x36;
+pub const TIFR2: u16 = 0x37;
+
 pub const EIFR: u16 = 0x3C;
 pub const EIMSK: u16 = 0x3D;
 
@@ -35,6 +39,13 @@ pub const EEARH: u16 = 0x42;
 
 pub const GTCCR: u16 = 0x43;
 pub const PSRSYNC: u8 = 1 << 0;
+pub const PSRASY: u8 = 1 << 1;
+pub const TSM: u8 = 1 << 7;
+pub const TCCR0A: u16 = 0x44;
+pub const TCCR0B: u16 = 0x45;
+pub const TCNT0: u16 = 0x46;
+pub const OCR0A: u16 = 0x47;
+pub const OCR0B: u16 = 0x48;
 
 pub const SPCR: u16 = 0x4C;
 pub const SPE: u8 = 1 << 6;
@@ -80,12 +91,23 @@ pub const WDIE: u8 = 1 << 6;
 pub const WDE: u8 = 1 << 3;
 pub const WDP: u8 = 0b10_0111;
 
+pub const PRR: u16 = 0x64;
+pub const EICRA: u16 = 0x69;
+pub const ISC1: u8 = 0b11 << 2;
+pub const PCMSK0: u16 = 0x6B;
+pub const PCMSK2: u16 = 0x6D;
+pub const TIMSK0: u16 = 0x6E;
+pub const TIMSK1: u16 = 0x6F;
+pub const TIMSK2: u16 = 0x70;
+
 pub const ADCSRA: u16 = 0x7A;
 pub const ADPS: u8 = 0b111;
 pub const ADMUX: u16 = 0x7C;
 
 pub const TCCR1A: u16 = 0x80;
 pub const TCCR1B: u16 = 0x81;
+pub const ICES1: u8 = 1 << 6;
+pub const ICNC1: u8 = 1 << 7;
 pub const TCCR1C: u16 = 0x82;
 pub const TCNT1L: u16 = 0x84;
 pub const TCNT1H: u16 = 0x85;
@@ -98,8 +120,12 @@ pub const OCR1BH: u16 = 0x8B;
 
 pub const TCCR2A: u16 = 0xB0;
 pub const TCCR2B: u16 = 0xB1;
+pub const TCNT2: u16 = 0xB2;
 pub const OCR2A: u16 = 0xB3;
 pub const OCR2B: u16 = 0xB4;
+pub const ASSR: u16 = 0xB6;
+pub const AS2: u8 = 1 << 5;
+pub const EXCLK: u8 = 1 << 6;
 
 pub const UCSR0A: u16 = 0xC0;
 pub const RXC0: u8 = 1 << 7;

@@ -13,7 +13,7 @@ use std::cell::RefCell;
 
 use super::base::{Base, Peripheral};
 use super::chip::Chip;
-use super::core::Core;
+use super::core::{Core, Vector};
 use super::regs::{WDE, WDIE, WDIF, WDP, WDTCSR};
 use sim_base::Cycles;
 use sim_base::Noise;
@@ -78,7 +78,7 @@ impl Watchdog {
         after = after & !WDIF | before & !value & WDIF;
         core.set(WDTCSR, after);
         if before & value & WDIF != 0 {
-            core.withdraw_watchdog();
+            core.withdraw(Vector::Watchdog);
         }
         let enabled = after & (WDE | WDIE) != 0;
         core.set_watchdog_cycles(self.time_out(after));
