@@ -1,0 +1,133 @@
+//! The file that says what the analysis cannot find: targets of indirect calls, bounds of loops,
+//! waits for the hardware. Each entry has a reason.
+//!
+//! Functions are named as [`Program::function_name`] prints them.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+
+use anyhow::{Context, Result, bail, ensure};
+use serde::Deserialize;
+
+use crate::program::Program;
+
+/// The contents of the file.
+#[derive(Debug, Clone, Default, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Annotations {
+    /// Targets of indirect calls and jumps.
+    #[serde(default)]
+    pub indirect: Vec<Indirect>,
+    /// Bounds of loops.
+    #[serde(default, rename = "loop")]
+    pub loops: Vec<Loop>,
+    /// Waits for the hardware.
+    #[serde(default)]
+    pub wait: Vec<Wait>,
+    /// Entries that were used: the kind, and the index.
+    #[serde(skip)]
+    used: RefCell<BTreeSet<(&'static str, usize)>>,
+}
+
+/// The targets of the indirect calls and jumps of a function.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Indirect {
+    /// The function that calls or jumps.
+    pub function: String,
+    /// Functions that it may call or jump to.
+    pub targets: Vec<String>,
+    /// Why these are all.
+    pub reason: String,
+}
+
+/// The bound of the loops of a function for which the analysis finds none, or a larger one.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Loop {
+    /// The function that contains the loop.
+    pub function: String,
+    /// Which of its loops, counted from 1 by address; all if it is left out.
+    pub number: Option<usize>,
+    /// How often the loop goes back to its beginning, each time it is reached.
+    pub at_most: u32,
+    /// Why it does not go back more often.
+    pub reason: String,
+}
+
+/// A loop that only reads a register until the hardware changes it.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Wait {
+    /// Address of the register that the loop reads, in the data space.
+    pub register: u16,
+    /// How long the hardware takes, in cycles: from the last write of SPDR for SPSR (0x4D), else
+    /// from the beginning of the loop.
+    pub cycles: u32,
+    /// Where the time comes from.
+    pub reason: String,
+}
+
+impl Annotations {
+    /// Reads the text of a file.
+    ///
+    /// # Errors
+    /// If the text is no such file, or an entry has no reason.
+    pub fn parse(text: &str) -> Result<Self> {
+        let this: Self = toml::from_str(text).context("wrong annotations")?;
+        let indirect = this.indirect.iter().map(|entry| (&entry.function, &entry.reason));
+        let loops = this.loops.iter().map(|entry| (&entry.function, &entry.reason));
+        for (function, reason) in indirect.chain(loops) {
+            ensure!(!reason.trim().is_empty(), "the annotation of {function} needs a reason");
+        }
+        if let Some(wait) = this.wait.iter().find(|wait| wait.reason.trim().is_empty()) {
+            bail!("the wait for register {:#x} needs a reason", wait.register);
+        }
+        Ok(this)
+    }
+
+    /// The addresses to which the indirect calls and jumps of a function lead, if there is an
+    /// entry for it.
+    ///
+    /// # Errors
+    /// If a target is not in the program.
+    pub fn targets(&self, program: &Program, function: &str) -> Result<Option<Vec<u32>>> {
+        let named = |entry: &&Indirect| entry.function == function;
+        let Some(entry) = self.indirect.iter().find(named) else { return Ok(None) };
+        let index = self.indirect.iter().position(|other| std::ptr::eq(other, entry));
+        self.used.borrow_mut().insert(("indirect", index.unwrap_or(0)));
+        let find = |name: &String| {
+            program.function_address(name).with_context(|| format!("there is no function {name}"))
+        };
+        entry.targets.iter().map(find).collect::<Result<Vec<u32>>>().map(Some)
+    }
+
+    /// The bound of loop `number` of a function, counted from 1.
+    pub fn bound(&self, function: &str, number: usize) -> Option<&Loop> {
+        let fits = |entry: &Loop| {
+            entry.function == function && entry.number.is_none_or(|wanted| wanted == number)
+        };
+        let index = self.loops.iter().position(fits)?;
+        self.used.borrow_mut().insert(("loop", index));
+        self.loops.get(index)
+    }
+
+    /// The wait for a register.
+    pub fn wait(&self, register: u16) -> Option<&Wait> {
+        let index = self.wait.iter().position(|entry| entry.register == register)?;
+        self.used.borrow_mut().insert(("wait", index));
+        self.wait.get(index)
+    }
+
+    /// The entries that no function needed: they may be out of date.
+    pub fn unused(&self) -> Vec<String> {
+        let used = self.used.borrow();
+        let loops = self.loops.iter().enumerate().filter(|(n, _)| !used.contains(&("loop", *n)));
+        let indirect =
+            self.indirect.iter().enumerate().filter(|(n, _)| !used.contains(&("indirect", *n)));
+        loops
+            .map(|(_, entry)| format!("loop of {}", entry.function))
+            .chain(indirect.map(|(_, entry)| format!("targets of {}", entry.function)))
+            .collect()
+    }
+}

@@ -1,0 +1,116 @@
+//! The chips: sizes of memory, and the interrupts with their vectors and enable bits.
+//!
+//! Sources: ATmega48/88/168 datasheet 2545, sections 7, 8 and 11, and ATmega328P datasheet 7810.
+//! Both chips have the same peripherals. A vector has two words.
+
+use std::str::FromStr;
+
+use anyhow::{Error, bail};
+
+/// A chip that the analysis knows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Chip {
+    /// ATmega168: 16 KiB of flash, 1 KiB of RAM.
+    Atmega168,
+    /// ATmega328P: 32 KiB of flash, 2 KiB of RAM.
+    Atmega328p,
+}
+
+impl Chip {
+    /// All chips.
+    pub const ALL: [Self; 2] = [Self::Atmega168, Self::Atmega328p];
+
+    /// The name, as the compilers have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Atmega168 => "atmega168",
+            Self::Atmega328p => "atmega328p",
+        }
+    }
+
+    /// Bytes of flash.
+    pub fn flash_bytes(self) -> u32 {
+        match self {
+            Self::Atmega168 => 0x4000,
+            Self::Atmega328p => 0x8000,
+        }
+    }
+
+    /// Address of the last byte of RAM, in the data space. A reset sets SP to it.
+    pub fn ram_end(self) -> u16 {
+        match self {
+            Self::Atmega168 => 0x4FF,
+            Self::Atmega328p => 0x8FF,
+        }
+    }
+}
+
+impl FromStr for Chip {
+    type Err = Error;
+
+    fn from_str(name: &str) -> Result<Self, Error> {
+        let known = Self::ALL.into_iter().find(|chip| chip.name() == name.to_lowercase());
+        match known {
+            Some(chip) => Ok(chip),
+            None => bail!("{name}: use atmega168 or atmega328p"),
+        }
+    }
+}
+
+/// First address of RAM behind the registers, in the data space.
+pub const RAM_START: u16 = 0x100;
+
+/// Addresses of registers in the data space. I/O addresses are lower by 0x20.
+pub mod register {
+    /// SPI data register.
+    pub const SPDR: u16 = 0x4E;
+    /// Stack pointer, low byte.
+    pub const SPL: u16 = 0x5D;
+    /// Stack pointer, high byte.
+    pub const SPH: u16 = 0x5E;
+    /// Status register.
+    pub const SREG: u16 = 0x5F;
+}
+
+/// An interrupt.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Interrupt {
+    /// Name in the datasheet.
+    pub name: &'static str,
+    /// The register with its enable bit, in the data space, and the bit.
+    pub enable: (u16, u8),
+}
+
+/// The interrupts in the order of their vectors, from vector 1.
+pub const INTERRUPTS: [Interrupt; 25] = [
+    Interrupt { name: "INT0", enable: (0x3D, 0) },
+    Interrupt { name: "INT1", enable: (0x3D, 1) },
+    Interrupt { name: "PCINT0", enable: (0x68, 0) },
+    Interrupt { name: "PCINT1", enable: (0x68, 1) },
+    Interrupt { name: "PCINT2", enable: (0x68, 2) },
+    Interrupt { name: "WDT", enable: (0x60, 6) },
+    Interrupt { name: "TIMER2_COMPA", enable: (0x70, 1) },
+    Interrupt { name: "TIMER2_COMPB", enable: (0x70, 2) },
+    Interrupt { name: "TIMER2_OVF", enable: (0x70, 0) },
+    Interrupt { name: "TIMER1_CAPT", enable: (0x6F, 5) },
+    Interrupt { name: "TIMER1_COMPA", enable: (0x6F, 1) },
+    Interrupt { name: "TIMER1_COMPB", enable: (0x6F, 2) },
+    Interrupt { name: "TIMER1_OVF", enable: (0x6F, 0) },
+    Interrupt { name: "TIMER0_COMPA", enable: (0x6E, 1) },
+    Interrupt { name: "TIMER0_COMPB", enable: (0x6E, 2) },
+    Interrupt { name: "TIMER0_OVF", enable: (0x6E, 0) },
+    Interrupt { name: "SPI_STC", enable: (0x4C, 7) },
+    Interrupt { name: "USART_RX", enable: (0xC1, 7) },
+    Interrupt { name: "USART_UDRE", enable: (0xC1, 5) },
+    Interrupt { name: "USART_TX", enable: (0xC1, 6) },
+    Interrupt { name: "ADC", enable: (0x7A, 3) },
+    Interrupt { name: "EE_READY", enable: (0x3F, 3) },
+    Interrupt { name: "ANALOG_COMP", enable: (0x50, 3) },
+    Interrupt { name: "TWI", enable: (0xBC, 0) },
+    Interrupt { name: "SPM_READY", enable: (0x57, 7) },
+];
+
+/// Byte address of the vector of an interrupt, an index of [`INTERRUPTS`].
+pub fn vector(index: usize) -> u32 {
+    4 * (index as u32 + 1)
+}

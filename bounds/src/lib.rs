@@ -1,0 +1,29 @@
+//! Proves from the machine code of an AVR program how much stack and how many cycles it needs.
+//!
+//! [`program`] reads the ELF and [`opcode`] decodes its instructions. [`step`] says what an
+//! instruction does to what is known of the processor ([`state`], [`value`]). [`stack`] follows all
+//! paths of each function, which also finds the targets of jumps, and adds up the stack.
+//! What cannot be followed is an error with its place, unless the file of [`annotations`] says what
+//! is true there.
+
+#![forbid(unsafe_code)]
+
+pub mod annotations;
+mod arithmetic;
+mod branch;
+pub mod chip;
+pub mod command;
+mod decode;
+mod liveness;
+mod memory;
+pub mod opcode;
+pub mod program;
+pub mod report;
+pub mod stack;
+pub mod state;
+pub mod step;
+pub mod summary;
+pub mod text;
+pub mod value;
+pub mod whole;
+mod wide;

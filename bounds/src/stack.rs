@@ -1,0 +1,304 @@
+//! The depth of the stack of a function: follows all its paths, and those of the functions that it
+//! calls, until nothing new is found.
+//!
+//! A function is analysed once for each state of the I flag and of the interrupt enable bits with
+//! which it is called. Its registers are unknown then, so the result is true for each call. A jump
+//! to the beginning of another function with an empty stack is a call that returns to the caller;
+//! every other jump stays in the function.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+use std::rc::Rc;
+
+use anyhow::{Context as _, Result, anyhow, bail};
+
+use crate::annotations::Annotations;
+use crate::program::Program;
+use crate::state::State;
+use crate::step::{Flow, is_table_jump, step};
+use crate::summary::{Entry, Exit, Kind, Summary};
+use crate::value::Value;
+
+/// Joins before which ranges grow as far as they go.
+const JOINS_BEFORE_WIDENING: u32 = 6;
+
+/// Instructions of a function that are followed, before the analysis gives up.
+const STEPS: u32 = 2_000_000;
+
+/// The analysis of a program.
+pub struct Analysis<'a> {
+    /// The program.
+    pub program: &'a Program,
+    /// What the analysis cannot find.
+    pub annotations: &'a Annotations,
+    summaries: HashMap<Entry, Rc<Summary>>,
+    leaders: Rc<HashSet<u32>>,
+    active: Vec<u32>,
+    /// False if r1 is not known to be 0 at some call: then it is unknown at the entry of all
+    /// functions.
+    zero_register: bool,
+}
+
+/// A function whose paths are followed.
+struct Walk {
+    entry: Entry,
+    /// Addresses at which paths can meet.
+    leaders: Rc<HashSet<u32>>,
+    /// Instructions that have one predecessor: their states need not be kept.
+    straight: Vec<(u32, State)>,
+    states: BTreeMap<u32, (State, u32)>,
+    pending: BTreeSet<u32>,
+    summary: Summary,
+}
+
+impl<'a> Analysis<'a> {
+    /// An analysis that knows nothing yet.
+    pub fn new(program: &'a Program, annotations: &'a Annotations) -> Self {
+        Self {
+            program,
+            annotations,
+            summaries: HashMap::new(),
+            leaders: Rc::new(program.leaders()),
+            active: Vec::new(),
+            zero_register: true,
+        }
+    }
+
+    /// True if r1 is 0 at every call.
+    pub fn has_zero_register(&self) -> bool {
+        self.zero_register
+    }
+
+    /// Analyses a function with all that it calls.
+    ///
+    /// # Errors
+    /// If a path cannot be followed; the text says where and why.
+    pub fn function(&mut self, entry: Entry) -> Result<Rc<Summary>> {
+        let result = self.summary(entry);
+        if let Err(error) = &result
+            && error.downcast_ref::<NoZero>().is_some()
+        {
+            self.zero_register = false;
+            self.summaries.clear();
+            self.active.clear();
+            return self.summary(entry);
+        }
+        result
+    }
+
+    fn summary(&mut self, entry: Entry) -> Result<Rc<Summary>> {
+        if let Some(known) = self.summaries.get(&entry) {
+            return Ok(known.clone());
+        }
+        if let Some(first) = self.active.iter().position(|address| *address == entry.address) {
+            let chain: Vec<String> = self.active[first..]
+                .iter()
+                .chain([&entry.address])
+                .map(|address| self.program.function_name(*address))
+                .collect();
+            bail!("recursion: {}", chain.join(" -> "));
+        }
+        self.active.push(entry.address);
+        let summary = self.walk(entry);
+        self.active.pop();
+        let summary = Rc::new(summary?);
+        self.summaries.insert(entry, summary.clone());
+        Ok(summary)
+    }
+
+    fn walk(&mut self, entry: Entry) -> Result<Summary> {
+        let mut state = State::at_entry(entry.interrupts, entry.enables);
+        if self.zero_register && entry.kind == Kind::Called {
+            state.set(1, Value::ZERO);
+        }
+        let mut walk = Walk {
+            entry,
+            leaders: self.leaders.clone(),
+            straight: Vec::new(),
+            states: BTreeMap::from([(entry.address, (state, 0))]),
+            pending: BTreeSet::from([entry.address]),
+            summary: Summary::new(),
+        };
+        let mut steps = 0;
+        while let Some((at, state)) = walk.next() {
+            steps += 1;
+            if steps > STEPS {
+                bail!("{}: the paths are too many", self.program.place(entry.address));
+            }
+            self.follow(&mut walk, at, state).map_err(|error| self.placed(error, at))?;
+        }
+        let Summary { edges, calls, .. } = &walk.summary;
+        walk.summary.reads = crate::liveness::reads(self.program, edges, calls, entry.address);
+        Ok(walk.summary)
+    }
+
+    /// Adds the place to an error that has none yet.
+    fn placed(&self, error: anyhow::Error, at: u32) -> anyhow::Error {
+        let is_placed =
+            error.downcast_ref::<NoZero>().is_some() || error.to_string().contains("0x");
+        if is_placed { error } else { anyhow!("{}: {error:#}", self.program.place(at)) }
+    }
+
+    fn follow(&mut self, walk: &mut Walk, at: u32, state: State) -> Result<()> {
+        walk.summary.visit(&state);
+        let instruction = self.program.instruction(at)?;
+        let before = state.enables;
+        for step in step(self.program, state, instruction)? {
+            walk.summary.note_set_bits(&before, &step.state.enables);
+            match step.flow {
+                Flow::To(to) => self.jump(walk, at, to, step.state, instruction.next())?,
+                Flow::Call(target, back) => self.call(walk, at, &[target], back, step.state)?,
+                Flow::CallAnywhere(back) => {
+                    let targets = self.targets(at, "call")?;
+                    self.call(walk, at, &targets, back, step.state)?;
+                }
+                Flow::JumpAnywhere => {
+                    for target in self.targets(at, "jump")? {
+                        self.jump(walk, at, target, step.state.clone(), instruction.next())?;
+                    }
+                }
+                Flow::Return => self.leave(walk, &step.state, false)?,
+                Flow::ReturnFromInterrupt => self.leave(walk, &step.state, true)?,
+            }
+        }
+        Ok(())
+    }
+
+    fn targets(&self, at: u32, what: &str) -> Result<Vec<u32>> {
+        let function = self.program.function_name(at);
+        self.annotations.targets(self.program, &function)?.with_context(|| {
+            format!("an indirect {what} whose targets are not known: name them in an annotation")
+        })
+    }
+
+    fn jump(&mut self, walk: &mut Walk, at: u32, to: u32, state: State, next: u32) -> Result<()> {
+        // A bootloader starts the program at 0.
+        if to == self.program.entry || to == 0 {
+            walk.summary.restarts = true;
+            return Ok(());
+        }
+        let is_other_function = to != next
+            && to != walk.entry.address
+            && self.program.is_function(to)
+            && !is_table_jump(self.program, to)
+            && !walk.states.contains_key(&to);
+        if is_other_function && state.height() == 0 && walk.entry.kind == Kind::Called {
+            let summary = self.enter(walk, at, to, &state, 0)?;
+            if let Some(exit) = &summary.exit {
+                let mut state = state;
+                exit.apply(&mut state);
+                self.leave(walk, &state, false)?;
+            }
+            return Ok(());
+        }
+        walk.summary.edges.insert((at, to));
+        walk.reach(to, state)
+    }
+
+    fn call(
+        &mut self,
+        walk: &mut Walk,
+        at: u32,
+        targets: &[u32],
+        back: u32,
+        state: State,
+    ) -> Result<()> {
+        for target in targets {
+            let summary = self.enter(walk, at, *target, &state, 2)?;
+            if let Some(exit) = &summary.exit {
+                let mut after = state.clone();
+                exit.apply(&mut after);
+                walk.summary.edges.insert((at, back));
+                walk.reach(back, after)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Analyses a function that is called, and counts its stack. `pushed` are the bytes of the
+    /// return address.
+    fn enter(
+        &mut self,
+        walk: &mut Walk,
+        at: u32,
+        target: u32,
+        state: &State,
+        pushed: u32,
+    ) -> Result<Rc<Summary>> {
+        if self.zero_register && state.get(1).known() != Some(0) {
+            return Err(NoZero.into());
+        }
+        let entry = Entry {
+            address: target,
+            kind: Kind::Called,
+            interrupts: state.interrupts,
+            enables: state.enables,
+        };
+        let summary = self.summary(entry)?;
+        walk.summary.count(state.height() + pushed, entry, &summary);
+        *walk.summary.calls.entry(at).or_default() |= summary.reads;
+        Ok(summary)
+    }
+
+    fn leave(&mut self, walk: &mut Walk, state: &State, from_interrupt: bool) -> Result<()> {
+        match (walk.entry.kind, from_interrupt) {
+            (Kind::Handler, false) => bail!("the handler ends with RET: interrupts stay disabled"),
+            (Kind::Reset, _) => bail!("returns from the start of the program"),
+            _ => {}
+        }
+        let exit = Exit::of(walk.entry, state, self.zero_register);
+        match &mut walk.summary.exit {
+            Some(known) => known.join(&exit),
+            none => *none = Some(exit),
+        }
+        Ok(())
+    }
+}
+
+/// r1 is not known to be 0 at a call.
+#[derive(Debug)]
+struct NoZero;
+
+impl std::fmt::Display for NoZero {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("r1 is not 0 at a call")
+    }
+}
+
+impl std::error::Error for NoZero {}
+
+impl Walk {
+    /// The next instruction to follow, with its state.
+    fn next(&mut self) -> Option<(u32, State)> {
+        self.straight.pop().or_else(|| {
+            let at = self.pending.pop_first()?;
+            Some((at, self.states[&at].0.clone()))
+        })
+    }
+
+    /// Adds a state at an instruction.
+    fn reach(&mut self, at: u32, state: State) -> Result<()> {
+        if let Some(base) = state.base {
+            self.summary.base = Some(base);
+        }
+        if !self.leaders.contains(&at) {
+            self.straight.push((at, state));
+            return Ok(());
+        }
+        let Some((known, joins)) = self.states.get_mut(&at) else {
+            self.states.insert(at, (state, 0));
+            self.pending.insert(at);
+            return Ok(());
+        };
+        let mut joined = known.clone();
+        joined.join(&state)?;
+        if *joins > JOINS_BEFORE_WIDENING {
+            joined.widen(known);
+        }
+        if joined != *known {
+            *known = joined;
+            *joins += 1;
+            self.pending.insert(at);
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,187 @@
+//! What the analysis finds of a function: its stack, its jumps, and its effect on registers.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use crate::state::{ENABLE_REGISTERS, Enables, Interrupts, State, entry_half};
+use crate::value::Value;
+
+/// A function, and how it is entered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Entry {
+    /// Its address.
+    pub address: u32,
+    /// Whether it is called, or begins with a reset or an interrupt.
+    pub kind: Kind,
+    /// The I flag.
+    pub interrupts: Interrupts,
+    /// Bits that enable interrupts.
+    pub enables: Enables,
+}
+
+/// What a function is entered by.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Kind {
+    /// A call.
+    Called,
+    /// A reset.
+    Reset,
+    /// An interrupt.
+    Handler,
+}
+
+/// A depth of the stack in bytes, and the call that leads to it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Depth {
+    /// Bytes since the entry of the function, with all that it calls.
+    pub bytes: u32,
+    /// Bytes of the function itself.
+    pub own: u32,
+    /// The function that is called there.
+    pub callee: Option<Entry>,
+}
+
+/// What is known of a function.
+#[derive(Debug, Clone)]
+pub struct Summary {
+    /// The deepest stack.
+    pub depth: Depth,
+    /// The deepest stack while interrupts may be enabled, and what is known of the enable bits
+    /// whenever they are.
+    pub enabled: Option<(Depth, Enables)>,
+    /// The state at the end; `None` if the function does not return.
+    pub exit: Option<Exit>,
+    /// Bits of [`ENABLE_REGISTERS`] that the function or those that it calls may set.
+    pub sets: [u8; ENABLE_REGISTERS.len()],
+    /// The stack pointer at the start, if the program sets it.
+    pub base: Option<u16>,
+    /// True if a path leads to the start of the program.
+    pub restarts: bool,
+    /// The jumps of the function: from an instruction to the next ones. A call leads to the
+    /// instruction behind it.
+    pub edges: BTreeSet<(u32, u32)>,
+    /// The registers that the functions called at an address read.
+    pub calls: BTreeMap<u32, u32>,
+    /// The registers that the function reads before it writes them.
+    pub reads: u32,
+}
+
+/// The state at the end of a function.
+#[derive(Debug, Clone)]
+pub struct Exit {
+    /// Registers that have the value that they had at the entry.
+    pub preserved: [bool; 32],
+    /// The other registers.
+    pub registers: [Value; 32],
+    /// The I flag.
+    pub interrupts: Interrupts,
+    /// Bits that enable interrupts.
+    pub enables: Enables,
+}
+
+impl Summary {
+    pub(crate) fn new() -> Self {
+        Self {
+            depth: Depth { bytes: 0, own: 0, callee: None },
+            enabled: None,
+            exit: None,
+            sets: [0; ENABLE_REGISTERS.len()],
+            base: None,
+            restarts: false,
+            edges: BTreeSet::new(),
+            calls: BTreeMap::new(),
+            reads: 0,
+        }
+    }
+
+    /// Counts the stack before an instruction.
+    pub(crate) fn visit(&mut self, state: &State) {
+        let own = Depth { bytes: state.height(), own: state.height(), callee: None };
+        self.depth = self.depth.max(own);
+        if state.interrupts.may_happen() {
+            self.count_enabled(own, &state.enables);
+        }
+    }
+
+    /// Counts the stack of a function that is called at a height.
+    pub(crate) fn count(&mut self, height: u32, entry: Entry, callee: &Summary) {
+        let at =
+            |depth: Depth| Depth { bytes: height + depth.bytes, own: height, callee: Some(entry) };
+        self.depth = self.depth.max(at(callee.depth));
+        if let Some((depth, enables)) = &callee.enabled {
+            self.count_enabled(at(*depth), enables);
+        }
+        for (mine, theirs) in self.sets.iter_mut().zip(callee.sets) {
+            *mine |= theirs;
+        }
+        self.restarts |= callee.restarts;
+    }
+
+    fn count_enabled(&mut self, depth: Depth, enables: &Enables) {
+        match &mut self.enabled {
+            Some((deepest, known)) => {
+                *deepest = deepest.max(depth);
+                known.join(enables);
+            }
+            none => *none = Some((depth, *enables)),
+        }
+    }
+
+    /// Notes the bits that an instruction may have set.
+    pub(crate) fn note_set_bits(&mut self, before: &Enables, after: &Enables) {
+        if before != after {
+            for (at, set) in self.sets.iter_mut().enumerate() {
+                let is_changed =
+                    before.zeros[at] != after.zeros[at] || before.ones[at] != after.ones[at];
+                if is_changed {
+                    *set |= !after.zeros[at] & !before.ones[at];
+                }
+            }
+        }
+    }
+}
+
+impl Depth {
+    fn max(self, other: Self) -> Self {
+        if other.bytes > self.bytes { other } else { self }
+    }
+}
+
+impl Exit {
+    pub(crate) fn of(entry: Entry, state: &State, zero_register: bool) -> Self {
+        let preserved = std::array::from_fn(|r| {
+            let value = state.registers[r];
+            let is_zero = r == 1 && zero_register && entry.kind == Kind::Called;
+            value.half == Some(entry_half(r as u8)) || is_zero && value.known() == Some(0)
+        });
+        Self {
+            preserved,
+            registers: state.registers.map(Value::plain),
+            interrupts: state.interrupts,
+            enables: state.enables,
+        }
+    }
+
+    pub(crate) fn join(&mut self, other: &Self) {
+        for r in 0..32 {
+            self.preserved[r] &= other.preserved[r];
+            self.registers[r] = self.registers[r].join(other.registers[r]);
+        }
+        if self.interrupts != other.interrupts {
+            self.interrupts = Interrupts::Either;
+        }
+        self.enables.join(&other.enables);
+    }
+
+    /// The state of the caller after the call.
+    pub(crate) fn apply(&self, state: &mut State) {
+        for r in (0..32u8).filter(|r| !self.preserved[usize::from(*r)]) {
+            state.set(r, self.registers[usize::from(r)]);
+        }
+        state.flags.forget();
+        state.flags.set(crate::opcode::FLAG_T, None);
+        state.interrupts = self.interrupts;
+        state.enables = self.enables;
+        state.since_spdr = 0;
+        state.forget_locals();
+    }
+}
