@@ -39,7 +39,7 @@ PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
 .PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares third-party flash size budget bench lint setup clean
-.PHONY: test-packages test-library test-host test-firmware test-uno test-boards test-clients
+.PHONY: bounds test-bounds test-packages test-library test-host test-bounds test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
@@ -59,6 +59,7 @@ help:
 	@echo "make dist       firmware and bootloader of every board, with licences and checksums, in target/dist  (ten minutes; BOARD=uno SHIELD=module for one, two minutes)"
 	@echo "make build-twice   check that two builds of the last commit have the same bytes, in two directories  (two minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
+	@echo "make bounds     prove the stack of the firmware from its machine code (docs/bounds.md)"
 	@echo "make size       size of the firmware by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
 	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
@@ -170,7 +171,7 @@ third-party:
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares third-party $(VENV)/installed $(TOOLS)/bin/ravedude
-	@$(MAKE) --no-print-directory test-packages test-library test-host test-firmware test-uno test-clients
+	@$(MAKE) --no-print-directory test-packages test-library test-host test-bounds test-firmware test-uno test-clients
 
 # The crates that crates.io gets. Each builds from its package alone, with the packages of the others: in one call, because none has to be there yet.
 PUBLISHED := can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
@@ -186,7 +187,7 @@ test-library:
 	done
 
 test-host:
-	cargo test -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
+	cargo test -p bounds -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
 		-p bus-load -p can-link -p node-update -p avr-model -p bench -p sim -p rig
 
 # They run the program that is in target/firmware, so it must be of these sources.
@@ -319,6 +320,16 @@ wiring:
 
 drawings:
 	@scripts/drawings
+
+bounds: firmware
+	@scripts/bounds $(WIRING) '$(FEATURES)'
+
+# The presets and the bootloaders of both chips.
+test-bounds:
+	scripts/bounds $(SHIPPED)
+	scripts/bounds $(UNO) full default
+	scripts/bounds --boot
+	scripts/bounds $(UNO) --boot
 
 size: firmware
 	@avr-nm --size-sort --reverse-sort --print-size --radix=d $(ELF) | grep -i ' [tbdv] ' | c++filt -s rust | head -40
