@@ -8,6 +8,7 @@
 pub mod faults;
 pub mod load;
 pub mod manage;
+pub mod parallel;
 pub mod profile;
 pub mod soak;
 pub mod status;
