@@ -28,7 +28,7 @@ SHIPPED := default remote thesis none
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
-ON_UNO := budget bus_faults controller load restart servo update
+ON_UNO := budget bus_faults controller full_bus load restart servo update
 ON_UNO_MODULE := budget controller load parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'

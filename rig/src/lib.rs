@@ -2,10 +2,11 @@
 //! node, the peer, on the same bus.
 //!
 //! Tests write out the protocol's numbers or take them from the simulator, never from the firmware.
-//! [`manage`] is the node's client, [`status`] has the numbers in its status, [`load`] loads its
-//! bus, and [`profile`] measures the running program.
+//! [`manage`] is the node's client, [`status`] has the numbers in its status, [`load`] and
+//! [`flood`] load its bus, and [`profile`] measures the running program.
 
 pub mod faults;
+pub mod flood;
 pub mod load;
 pub mod manage;
 pub mod parallel;
@@ -47,7 +48,7 @@ pub const DEGREES_OF_NODE: u32 = 0x1804_5800 | NODE;
 /// of transfer ID, in the identifier.
 pub const DRAFT_STATUS_OF_NODE: u32 = 0x1134_0008 | NODE << 10;
 /// Mask of the transfer ID in an identifier of the draft.
-const TRANSFER_ID_OF_DRAFT: u32 = 7;
+pub const TRANSFER_ID_OF_DRAFT: u32 = 7;
 
 /// CAN identifiers, without the sender's node ID, of messages that the node receives.
 pub const NODE_STATUS: u32 = 0x1801_5500;
@@ -282,6 +283,14 @@ impl Rig {
     #[track_caller]
     pub fn running_with(eeprom: &[u8]) -> Rig {
         let mut rig = Rig::with_boards(&[eeprom]);
+        rig.wait_until_up();
+        rig
+    }
+
+    /// Like [`Rig::running`] with this ELF and this EEPROM.
+    #[track_caller]
+    pub fn running_elf(elf: &Path, eeprom: &[u8]) -> Rig {
+        let mut rig = Rig::with_boards_of(elf, &[eeprom]);
         rig.wait_until_up();
         rig
     }

@@ -1,0 +1,125 @@
+//! How the outputs follow the commands on the bus, seen from outside: at the compare register of
+//! Timer1 if one output is in use, and at the pulses if several are.
+
+use std::collections::VecDeque;
+
+use bench::Cycles;
+use bench::avr::Pulse;
+
+use super::super::load::Samples;
+use super::super::{MS, US};
+use super::source::Command;
+
+/// A pulse may be off by two ticks: the value of a command is rounded twice.
+const TOLERANCE: i32 = 2;
+/// The controller has a frame some bit times before the frame ends for the bus.
+const END_OF_FRAME: Cycles = 4 * US;
+/// Time from the beginning of an output's pulse to that of the next output's.
+const SLOT: Cycles = 5 * MS / 2;
+/// A command on the bus.
+#[derive(Clone, Copy, Debug)]
+struct Waiting {
+    /// End of its last frame.
+    ended: Cycles,
+    /// The pulse that it asks for, in ticks of half a microsecond.
+    pulse: i32,
+}
+
+impl Waiting {
+    fn asks_for(&self, pulse: i32) -> bool {
+        (self.pulse - pulse).abs() <= TOLERANCE
+    }
+}
+
+/// The commands for one output that are in no register yet.
+#[derive(Default)]
+pub struct Register {
+    waiting: VecDeque<Waiting>,
+    /// Number of commands that were written to the register.
+    pub followed: u64,
+    /// Number of received commands that a newer one replaced before they were followed.
+    pub superseded: u64,
+    /// Number of writes of values that no command had asked for.
+    pub unasked: u64,
+    /// Cycles from the end of each received command until the register had its value or that of a
+    /// newer command.
+    pub settled: Samples,
+}
+
+impl Register {
+    /// A command's last frame ended.
+    pub fn command(&mut self, ended: Cycles, (_, pulse): Command) {
+        self.waiting.push_back(Waiting { ended, pulse });
+    }
+
+    /// The controller lost the frame that was complete at this time.
+    pub fn lost(&mut self, at: Cycles) {
+        self.waiting.retain(|waiting| waiting.ended.abs_diff(at) > END_OF_FRAME);
+    }
+
+    /// The register got this value, in ticks.
+    pub fn written(&mut self, at: Cycles, pulse: i32) {
+        let is_newest = |waiting: &Waiting| waiting.ended <= at && waiting.asks_for(pulse);
+        let Some(newest) = self.waiting.iter().rposition(is_newest) else {
+            self.unasked += 1;
+            return;
+        };
+        self.followed += 1;
+        self.superseded += newest as u64;
+        for waiting in self.waiting.drain(..=newest) {
+            self.settled.push(at - waiting.ended);
+        }
+    }
+
+    /// Number of commands that are still in no register.
+    pub fn left(&self) -> usize {
+        self.waiting.len()
+    }
+}
+
+/// The commands and pulses of one of several outputs.
+#[derive(Default)]
+pub struct Pulses {
+    commands: VecDeque<Waiting>,
+    /// Number of pulses.
+    pub seen: u64,
+    /// Number of pulses whose width no command had asked for.
+    pub unasked: u64,
+    /// For each pulse: cycles from the end of the oldest newer command to the moment at which the
+    /// board takes over the widths of all outputs; 0 if the newest command made the pulse.
+    pub stale: Samples,
+}
+
+impl Pulses {
+    /// A command's last frame ended.
+    pub fn command(&mut self, ended: Cycles, (_, pulse): Command) {
+        self.commands.push_back(Waiting { ended, pulse });
+    }
+
+    /// The controller lost the frame that was complete at this time.
+    pub fn lost(&mut self, at: Cycles) {
+        self.commands.retain(|command| command.ended.abs_diff(at) > END_OF_FRAME);
+    }
+
+    /// A pulse of output `output`, counted from 0, ended.
+    pub fn pulse(&mut self, output: usize, pulse: &Pulse) {
+        // All outputs get their widths when the pulse of the first one begins.
+        let taken_over = pulse.start.saturating_sub(output as Cycles * SLOT);
+        let width = (pulse.width_cycles / 8) as i32;
+        let older = self.commands.partition_point(|command| command.ended <= taken_over);
+        if older == 0 {
+            // It has not been commanded yet.
+            return;
+        }
+        self.seen += 1;
+        let made_by = self.commands.iter().take(older).rposition(|command| command.asks_for(width));
+        let Some(made_by) = made_by else {
+            self.unasked += 1;
+            return;
+        };
+        let newer = self.commands.range(made_by + 1..older).next();
+        self.stale.push(newer.map_or(0, |command| taken_over - command.ended));
+        // The one that made this pulse can make further ones.
+        self.commands.drain(..made_by);
+    }
+}

@@ -1,0 +1,332 @@
+//! A bus full of valid transfers whose values change with every frame, for each program that ships.
+//! Every frame that the controller loses is a lost frame.
+//!
+//! [`setup`] has the programs with their outputs, [`source`] makes the transfers, [`follow`] finds
+//! the commands in the pulses, and [`queue`] reads how full the firmware's queue becomes. A
+//! [`Flood`] runs them together and returns an [`Outcome`].
+//!
+//! [`load`](super::load) has the other loads: frames that the node reads and rejects, requests, and
+//! values that it can compute in advance.
+
+pub mod follow;
+pub mod queue;
+pub mod setup;
+pub mod source;
+pub mod values;
+
+use std::cell::RefCell;
+use std::collections::VecDeque;
+use std::rc::Rc;
+
+use bench::can::{Id, OnWire, SoftNode};
+use bench::{Cycles, F_CPU_HZ, Noise};
+
+pub use follow::{Pulses, Register};
+pub use queue::Queue;
+pub use setup::{Preset, Setup};
+pub use source::{Sent, Source, Traffic};
+pub use values::Unit;
+
+use super::load::{BusyClient, Client, Meter, compare_register};
+use super::{DRAFT_STATUS_OF_NODE, MS, NODE, Rig, STATUS_OF_NODE, TRANSFER_ID_OF_DRAFT, US};
+
+/// Frames that wait in the sender's queue, so that a full bus never becomes idle.
+const QUEUED: usize = 24;
+/// Time after the flood in which the node follows the last command.
+const AFTER_MS: u64 = 45;
+
+/// A flood.
+#[derive(Clone, Copy, Debug)]
+pub struct Scenario {
+    pub setup: Setup,
+    pub traffic: Traffic,
+    /// Number of senders, 1 or 2.
+    pub senders: usize,
+    /// Priority in v0: 0 wins every arbitration against the node, 31 loses every one.
+    pub priority: u8,
+    /// Share of the time that the frames take on the bus, in percent. At 100 they are back to back,
+    /// below with random gaps.
+    pub percent: u64,
+    /// Also measures the service of each frame, which takes half as long again.
+    pub measures_service: bool,
+    pub seed: u64,
+}
+
+impl Scenario {
+    /// Back to back from one sender, at a priority below the node's.
+    pub const fn full(setup: Setup, traffic: Traffic) -> Scenario {
+        Scenario {
+            setup,
+            traffic,
+            senders: 1,
+            priority: 31,
+            percent: 100,
+            measures_service: false,
+            seed: 1,
+        }
+    }
+}
+
+/// What a flood did to the node.
+#[derive(Default)]
+pub struct Outcome {
+    /// Frames that the controller received or lost, with those of the client.
+    pub meter: Meter,
+    /// Of the first output, if it is the only one.
+    pub register: Register,
+    /// Of each output, if several are in use.
+    pub pulses: Vec<Pulses>,
+    /// Number of commands on the bus, one for each entry for an output.
+    pub commands: u64,
+    /// Most frames in the firmware's queue, and its number of places.
+    pub deepest: u8,
+    pub places: u8,
+    /// Number of frames and of NodeStatus that the node sent.
+    pub own_frames: u64,
+    pub own_statuses: u64,
+    /// Number of characters of the serial monitor.
+    pub characters: u64,
+    /// Number of answers that the client received.
+    pub answers: u64,
+    /// Width of the first output's last pulse, in cycles.
+    pub last_width: Option<u64>,
+    /// Number of pulses of the first output, and of those with another period than the first.
+    pub periods: u64,
+    pub jitter: u64,
+    /// Share of the time that the bus was busy, in percent.
+    pub busy_percent: f64,
+}
+
+impl Outcome {
+    /// Number of frames that reached the controller.
+    pub fn frames(&self) -> u64 {
+        self.meter.frames + self.meter.lost
+    }
+
+    /// Longest time from the end of a received command until the output had its value or a newer
+    /// one, in cycles.
+    pub fn longest_to_follow(&self) -> u32 {
+        let pulses = self.pulses.iter().map(|pulses| pulses.stale.max());
+        pulses.chain([self.register.settled.max()]).max().unwrap_or(0)
+    }
+}
+
+/// A flood at work.
+pub struct Flood {
+    pub rig: Rig,
+    pub outcome: Outcome,
+    scenario: Scenario,
+    source: Source,
+    station: Rc<RefCell<SoftNode>>,
+    /// Frames that the bus has not carried yet.
+    sent: VecDeque<Sent>,
+    /// Earliest beginning of the next frame, if the bus is not to be full.
+    next_at: Cycles,
+    gaps: Noise,
+    client: BusyClient,
+    queue: Queue,
+    register: u16,
+    period: Option<u64>,
+    ms: u64,
+}
+
+impl Flood {
+    /// A running node, and the flood that begins now.
+    #[track_caller]
+    pub fn new(scenario: Scenario) -> Flood {
+        Flood::with_rig(scenario, scenario.setup.running())
+    }
+
+    /// Like [`Flood::new`] with a running node of the scenario's setup.
+    #[track_caller]
+    pub fn with_rig(scenario: Scenario, mut rig: Rig) -> Flood {
+        rig.overflows_expected = true;
+        let Scenario { setup, traffic, senders, priority, seed, .. } = scenario;
+        let station = Rc::new(RefCell::new(SoftNode::new(rig.bench.bus().bit_rate())));
+        rig.bench.attach("flood", station.clone());
+        let queue = Queue::of(rig.board().avr());
+        let meter = match scenario.measures_service {
+            true => Meter::attach(rig.board()),
+            false => Meter::attach_to_log(rig.board()),
+        };
+        let client = if setup.is_v0() { Client::Saving } else { Client::None };
+        let several = if setup.outputs() > 1 { setup.outputs() } else { 0 };
+        Flood {
+            outcome: Outcome {
+                meter,
+                pulses: (0..several).map(|_| Pulses::default()).collect(),
+                places: queue.places,
+                ..Outcome::default()
+            },
+            source: Source::new(setup, traffic, senders, priority, seed),
+            station,
+            sent: VecDeque::new(),
+            next_at: rig.now(),
+            gaps: Noise::new(seed),
+            client: BusyClient::new(client, rig.now()),
+            queue,
+            register: compare_register(rig.board()),
+            period: None,
+            ms: 0,
+            scenario,
+            rig,
+        }
+    }
+
+    /// Runs for so many milliseconds of simulated time.
+    pub fn run_ms(&mut self, ms: u64) {
+        let before = self.rig.bench.bus().stats().clone();
+        for _ in 0..ms {
+            self.feed();
+            self.millisecond();
+        }
+        self.outcome.busy_percent = 100.0 * self.rig.bench.bus().stats().load_since(&before);
+    }
+
+    /// Ends the flood, lets the node follow the last command, and returns the outcome.
+    pub fn finish(mut self) -> Outcome {
+        self.station.borrow_mut().clear_queue();
+        self.client.stop();
+        for _ in 0..AFTER_MS {
+            self.millisecond();
+        }
+        self.outcome.answers = self.client.answers;
+        self.outcome
+    }
+
+    /// Queues the frames of the next milliseconds.
+    fn feed(&mut self) {
+        self.station.borrow_mut().take_received();
+        self.station.borrow_mut().take_events();
+        let now = self.rig.now();
+        self.next_at = self.next_at.max(now);
+        let is_fed = |flood: &Flood| match flood.scenario.percent {
+            100 => flood.station.borrow().queued() >= QUEUED,
+            _ => flood.next_at >= now + 2 * MS,
+        };
+        while !is_fed(self) {
+            for sent in self.source.next(now) {
+                match self.scenario.percent {
+                    100 => self.station.borrow_mut().send(sent.0),
+                    percent => {
+                        self.station.borrow_mut().send_at(self.next_at, sent.0);
+                        let bit = F_CPU_HZ / u64::from(self.rig.bench.bus().bit_rate());
+                        let frame = u64::from(sent.0.bit_count()) * bit;
+                        // Twice the mean gap at most.
+                        let gap = 2 * frame * (100 - percent) / percent;
+                        self.next_at += frame + self.gaps.below(gap + 1);
+                    }
+                }
+                self.sent.push_back(sent);
+            }
+        }
+    }
+
+    fn millisecond(&mut self) {
+        self.ms += 1;
+        self.client.millisecond(&mut self.rig);
+        if !self.scenario.setup.is_v0() {
+            // The thesis's node has no parameters: its other work is the button and the monitor.
+            self.rig.board().press_button(self.ms % 100 < 50);
+            if self.ms.is_multiple_of(250) {
+                self.rig.board().avr_mut().serial_send(b"?");
+            }
+        }
+        let writes = self.run_and_watch();
+        self.record_frames();
+        self.outcome.meter.collect(self.rig.board());
+        for at in self.outcome.meter.lost_at.drain(..) {
+            self.outcome.register.lost(at);
+            for pulses in &mut self.outcome.pulses {
+                pulses.lost(at);
+            }
+        }
+        if self.outcome.pulses.is_empty() {
+            for (at, register) in writes {
+                // The timer counts from 0 to the value.
+                self.outcome.register.written(at, i32::from(register) + 1);
+            }
+        }
+        self.record_pulses();
+        self.outcome.characters += self.rig.serial.len() as u64;
+        self.rig.serial.clear();
+        self.rig.broken.clear();
+        self.rig.drafts.clear();
+        if self.client.client() == Client::None {
+            self.rig.transfers.clear();
+        }
+    }
+
+    /// Runs for a millisecond. Returns the writes to the compare register.
+    fn run_and_watch(&mut self) -> Vec<(Cycles, u16)> {
+        let mut writes = Vec::new();
+        let Flood { rig, register, queue, outcome, .. } = self;
+        let end = rig.now() + MS;
+        while rig.now() < end {
+            let look = |bench: &mut bench::Bench| {
+                outcome.deepest = outcome.deepest.max(queue.depth(bench.board(0).avr()));
+                let now = compare_register(bench.board(0));
+                if std::mem::replace(register, now) != now {
+                    writes.push((bench.now(), now));
+                }
+                false
+            };
+            rig.bench.run_until_or(look, US);
+        }
+        // The bench reports a frame one cycle after its end.
+        rig.run_until(end + 1);
+        writes
+    }
+
+    fn record_frames(&mut self) {
+        for (ended, frame) in self.rig.traffic.drain(..) {
+            let Id::Extended(id) = frame.id else { continue };
+            let status = if self.scenario.setup.is_v0() {
+                self.outcome.own_frames += u64::from(id & 0xFF == NODE);
+                id == STATUS_OF_NODE
+            } else {
+                self.outcome.own_frames += u64::from(id >> 10 & 0x7F == NODE);
+                id & !TRANSFER_ID_OF_DRAFT == DRAFT_STATUS_OF_NODE
+            };
+            self.outcome.own_statuses += u64::from(status);
+            if self.sent.front().is_none_or(|sent| sent.0 != frame) {
+                continue;
+            }
+            let (_, commands) = self.sent.pop_front().expect("the frame");
+            self.outcome.commands += commands.len() as u64;
+            for command in commands {
+                match self.outcome.pulses.get_mut(command.0) {
+                    Some(pulses) => pulses.command(ended, command),
+                    None => self.outcome.register.command(ended, command),
+                }
+            }
+        }
+    }
+
+    fn record_pulses(&mut self) {
+        let further = match self.outcome.pulses.len() {
+            0 => Vec::new(),
+            _ => self.rig.board().take_output_pulses(),
+        };
+        let first = std::mem::take(&mut self.rig.pulses);
+        let width = first.last().map(|pulse| pulse.width_cycles);
+        self.outcome.last_width = width.or(self.outcome.last_width);
+        for period in first.iter().filter_map(|pulse| pulse.period_cycles) {
+            self.outcome.periods += 1;
+            self.outcome.jitter += u64::from(*self.period.get_or_insert(period) != period);
+        }
+        let all = [first].into_iter().chain(further).enumerate();
+        for ((output, pulses), followed) in all.zip(&mut self.outcome.pulses) {
+            for pulse in &pulses {
+                followed.pulse(output, pulse);
+            }
+        }
+    }
+}
+
+/// Runs a flood for `ms` milliseconds of simulated time.
+pub fn run(scenario: Scenario, ms: u64) -> Outcome {
+    let mut flood = Flood::new(scenario);
+    flood.run_ms(ms);
+    flood.finish()
+}

@@ -1,0 +1,223 @@
+//! A full bus of valid transfers with random values, for each program that ships: no frame is lost,
+//! the outputs follow the newest commands, and the node's other work goes on.
+//!
+//! `make bench` runs the same floods for ten simulated minutes each.
+
+use std::sync::LazyLock;
+
+use rig::flood::{Flood, Outcome, Preset, Scenario, Setup, Source, Traffic, Unit, run};
+use rig::{MS, US, parallel};
+
+/// Simulated time of each flood.
+const FLOOD_MS: u64 = 400;
+
+type Run = (Scenario, Outcome);
+
+/// Floods of each kind from one sender, and of all kinds at random from two senders and at a
+/// priority above the node's.
+static FULL: LazyLock<Vec<Run>> = LazyLock::new(|| {
+    let of = |setup: Setup| {
+        let each = Traffic::all(setup).into_iter().map(move |kind| Scenario::full(setup, kind));
+        let mixed = Scenario::full(setup, Traffic::Mixed);
+        each.chain([
+            Scenario { senders: 2, seed: 2, ..mixed },
+            Scenario { priority: 0, seed: 3, ..mixed },
+        ])
+    };
+    run_all(setups().flat_map(of).collect(), FLOOD_MS)
+});
+
+/// The programs for the chip of the board under test.
+fn setups() -> impl Iterator<Item = Setup> {
+    let chip = rig::board().chip;
+    Setup::ALL.into_iter().filter(move |setup| setup.chip() == chip)
+}
+
+fn run_all(scenarios: Vec<Scenario>, ms: u64) -> Vec<Run> {
+    parallel::each(&scenarios, |scenario| (*scenario, run(*scenario, ms)))
+}
+
+/// Fails and lists all runs for which `wrong` returns a text.
+#[track_caller]
+fn assert_none(runs: &[Run], wrong: impl Fn(Scenario, &Outcome) -> Option<String>) {
+    assert!(!runs.is_empty());
+    let wrong: Vec<String> = runs
+        .iter()
+        .filter_map(|(scenario, outcome)| {
+            let Scenario { setup, traffic, senders, priority, percent, .. } = scenario;
+            let text = wrong(*scenario, outcome)?;
+            Some(format!(
+                "{setup}: {traffic:?}, senders {senders}, priority {priority}, {percent} %: {text}"
+            ))
+        })
+        .collect();
+    assert!(wrong.is_empty(), "{} of {} floods\n{}", wrong.len(), runs.len(), wrong.join("\n"));
+}
+
+/// Floods of which the program still loses frames.
+fn is_known_to_lose(Scenario { setup, traffic, .. }: Scenario) -> bool {
+    let is_long = matches!(traffic, Traffic::Command(Unit::Position) | Traffic::DraftByte);
+    is_long || setup.preset == Preset::Full
+}
+
+/// The controller has room for two frames, of some types for one.
+#[test]
+fn no_frame_of_a_valid_transfer_is_lost() {
+    assert_none(&FULL, |scenario, outcome| {
+        if is_known_to_lose(scenario) {
+            return None;
+        }
+        let (frames, lost) = (outcome.frames(), outcome.meter.lost);
+        // The longest frames last 160 us.
+        let is_full = frames > FLOOD_MS * 1000 / 165 && outcome.busy_percent > 99.0;
+        (lost > 0 || !is_full).then(|| format!("{lost} of {frames} frames lost"))
+    });
+}
+
+/// A margin, which is visible before a frame is lost.
+#[test]
+#[ignore = "the program follows commands in the turn that reads them"]
+fn the_queue_of_received_frames_never_becomes_full() {
+    assert_none(&FULL, |_, Outcome { deepest, places, .. }| {
+        (deepest == places || *deepest == 0).then(|| format!("{deepest} of {places} places used"))
+    });
+}
+
+#[test]
+fn frames_leave_the_controller_in_time_and_in_order() {
+    assert_none(&FULL, |scenario, outcome| {
+        if is_known_to_lose(scenario) {
+            return None;
+        }
+        let limit = if scenario.setup.outputs() > 1 { 1600 } else { 1250 };
+        let (longest, wrong) = (outcome.meter.latency.max(), outcome.meter.out_of_order);
+        (longest > limit || wrong > 0)
+            .then(|| format!("{longest} cycles at the longest, {wrong} out of order"))
+    });
+}
+
+/// Measured for each command from the end of its last frame.
+#[test]
+fn on_a_full_bus_an_output_has_the_newest_value_within_2_ms() {
+    assert_none(&FULL, |scenario, outcome| {
+        if scenario.setup.preset == Preset::Full {
+            return None;
+        }
+        let (count, unasked) = followed(outcome);
+        let late_us = u64::from(outcome.longest_to_follow()) / US;
+        let is_commanded = scenario.traffic.is_commands();
+        (late_us > 2000 || unasked > 0 || is_commanded && count < 20).then(|| {
+            format!("{count} followed, the slowest after {late_us} us, {unasked} without a command")
+        })
+    });
+}
+
+/// Number of commands or pulses that were followed, and of those that nobody had asked for.
+fn followed(outcome: &Outcome) -> (u64, u64) {
+    let register = &outcome.register;
+    let pulses = outcome.pulses.iter();
+    pulses.fold((register.followed, register.unasked), |(seen, unasked), pulses| {
+        (seen + pulses.seen, unasked + pulses.unasked)
+    })
+}
+
+/// At 90 % of the bus, with random gaps between the frames.
+#[test]
+fn at_90_percent_of_a_full_bus_each_command_is_in_the_register_within_500_us() {
+    let single = setups().filter(|setup| setup.outputs() == 1);
+    let commands = single.flat_map(|setup| {
+        let commands = Traffic::all(setup).into_iter().filter(|kind| kind.is_commands());
+        commands.map(move |kind| Scenario { percent: 90, ..Scenario::full(setup, kind) })
+    });
+    let runs = run_all(commands.collect(), FLOOD_MS);
+    assert_none(&runs, |scenario, outcome| {
+        let late_us = u64::from(outcome.register.settled.max()) / US;
+        let (frames, lost) = (outcome.frames(), outcome.meter.lost);
+        // The node and the client send, too.
+        let is_load = (85.0..97.0).contains(&outcome.busy_percent);
+        if is_known_to_lose(scenario) {
+            return None;
+        }
+        (late_us > 500 || lost > 0 || !is_load).then(|| {
+            let busy = outcome.busy_percent;
+            format!("{late_us} us, {lost} of {frames} frames lost at {busy:.0} %")
+        })
+    });
+}
+
+#[test]
+#[ignore = "with several outputs the program loses frames"]
+fn no_output_starves_while_another_is_flooded() {
+    if !rig::has_all_features() {
+        return; // It has one output.
+    }
+    let of = |setup: Setup| Scenario::full(setup, Traffic::OneServo);
+    let runs = run_all(setups().filter(|setup| setup.servos > 1).map(of).collect(), 1500);
+    assert_none(&runs, |scenario, outcome| {
+        let servos = &outcome.pulses[..scenario.setup.servos];
+        let late = |pulses: &rig::flood::Pulses| u64::from(pulses.stale.max()) > 2 * MS;
+        let starves = servos.iter().any(|pulses| pulses.seen < 50 || late(pulses));
+        let each: Vec<_> =
+            servos.iter().map(|pulses| (pulses.seen, pulses.stale.max() / 16)).collect();
+        starves.then(|| format!("pulses, and the slowest in us: {each:?}"))
+    });
+}
+
+/// Status, telemetry, answers to a client, the serial monitor, and the period of the pulses.
+#[test]
+fn the_other_work_of_the_node_goes_on() {
+    assert_none(&FULL, |Scenario { setup, priority, .. }, outcome| {
+        let is_silent = outcome.own_frames == 0;
+        let has_monitor = matches!(setup.preset, Preset::Default | Preset::Thesis);
+        let is_stuck = has_monitor && outcome.characters == 0 && priority == 31;
+        let has_pulses = outcome.periods > 15 && outcome.jitter == 0;
+        (is_silent || is_stuck || outcome.periods > 0 && !has_pulses).then(|| {
+            format!(
+                "{} frames, {} characters, {} periods, {} of them with jitter",
+                outcome.own_frames, outcome.characters, outcome.periods, outcome.jitter
+            )
+        })
+    });
+}
+
+/// Runs a flood without commands for the servo, after a command, and returns the width of the
+/// servo's last pulse in microseconds.
+fn width_after_silence(setup: Setup, traffic: Traffic) -> u64 {
+    let mut rig = setup.running();
+    for (name, value) in [("OUT1_TIMEOUT", 500), ("OUT1_FS", 2), ("OUT1_FS_PWM", 1200)] {
+        rig.set(name, value);
+    }
+    rig.send_command(1, 4, 1800.0);
+    assert_eq!(rig.settled_pulse_us(), 1800.0);
+    let mut flood = Flood::with_rig(Scenario::full(setup, traffic), rig);
+    flood.run_ms(300);
+    assert_eq!(flood.outcome.last_width.map(|cycles| cycles / US), Some(1800), "{traffic:?}");
+    flood.run_ms(500);
+    flood.finish().last_width.expect("a pulse") / US
+}
+
+#[test]
+fn the_failsafe_begins_on_a_bus_full_of_other_frames() {
+    for setup in setups().filter(|setup| setup.is_v0() && setup.outputs() == 1) {
+        for traffic in [Traffic::Elsewhere, Traffic::Status] {
+            assert_eq!(width_after_silence(setup, traffic), 1200, "{setup}, {traffic:?}");
+        }
+    }
+}
+
+/// Values of the whole travel, each different from those before it, so that a pulse tells which
+/// command the output follows.
+#[test]
+fn the_values_of_a_flood_change_with_each_frame_over_the_whole_travel() {
+    let setup = Setup::of(Preset::Default, 1, 0);
+    for unit in Unit::ALL {
+        let mut source = Source::new(setup, Traffic::Command(unit), 1, 31, 1);
+        let mut sent = (0..2000).flat_map(|_| source.next(0));
+        let pulses: Vec<i32> = sent.by_ref().map(|(_, commands)| commands[0].1).collect();
+        let (min, max) = (pulses.iter().min().unwrap(), pulses.iter().max().unwrap());
+        assert_eq!((*min, *max), (2000, 4000), "{unit:?}, in ticks of half a microsecond");
+        for near in pulses.windows(20) {
+            assert!(near[1..].iter().all(|other| *other != near[0]), "{unit:?}: {near:?}");
+        }
+    }
+}
