@@ -39,7 +39,7 @@ PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
 .PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares third-party flash size budget bench lint setup clean
-.PHONY: bounds test-bounds test-packages test-library test-host test-bounds test-firmware test-uno test-boards test-clients
+.PHONY: bounds losses test-bounds test-packages test-library test-host test-bounds test-firmware test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
@@ -64,7 +64,8 @@ help:
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
 	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
 	@echo "make drawings   write docs/img/frame.svg and memory.svg; make lint checks that they are up to date"
-	@echo "make bench      measure the firmware in cycles of the AVR, and write docs/benchmarks.md (six minutes)"
+	@echo "make bench      measure the firmware in cycles of the AVR, and write docs/benchmarks.md (six minutes and then make losses)"
+	@echo "make losses     count the frames that are lost on a full bus, ten simulated minutes of each kind: hours  (BOARD=uno; MINUTES=0.1)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make deny       check licences and origins of all dependencies, and that only the simulator links simavr"
 	@echo "make clean      remove what was built"
@@ -294,6 +295,13 @@ advisories: $(TOOLS)/bin/cargo-deny
 # The pages are of the default preset.
 bench: firmware third-party
 	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
+	@$(MAKE) --no-print-directory losses
+
+# Of every program for the chip of BOARD. A flood takes MINUTES of simulated time.
+losses:
+	@scripts/firmware default remote thesis
+	@scripts/firmware $(UNO) full
+	$(ON_BOARD) MINUTES='$(MINUTES)' cargo bench --bench loss
 
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants

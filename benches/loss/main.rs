@@ -1,0 +1,55 @@
+//! Counts the frames that each program loses on a full bus of 1 Mbit/s, with random values, for ten
+//! simulated minutes of each kind of frame. Prints a line after each, and writes its part of
+//! docs/benchmarks.md with the sentence that README.md and docs/decisions.md quote.
+//!
+//! `NODE_BOARD` chooses the programs: those of the Diecimila (ATmega168) or of the Uno
+//! (ATmega328P). `MINUTES` is another duration, such as 0.1; the page is then not written.
+
+mod page;
+
+use std::time::Instant;
+
+use page::Row;
+use rig::flood::{Scenario, Setup, Traffic, run};
+use rig::parallel;
+
+/// Simulated duration of each flood, in minutes.
+const MINUTES: f64 = 10.0;
+
+/// The floods of a program: of each kind from one sender below the node's priority, and mixed ones
+/// from two senders and above it.
+fn floods(setup: Setup) -> Vec<Scenario> {
+    let mut all: Vec<Scenario> =
+        Traffic::all(setup).into_iter().map(|traffic| Scenario::full(setup, traffic)).collect();
+    let mixed = Scenario::full(setup, Traffic::Mixed);
+    all.push(Scenario { senders: 2, seed: 2, ..mixed });
+    all.push(Scenario { priority: 0, seed: 3, ..mixed });
+    all
+}
+
+fn main() {
+    // Cargo also asks bench targets to list their tests.
+    if std::env::args().any(|argument| argument == "--list") {
+        return;
+    }
+    let minutes = match std::env::var("MINUTES") {
+        Ok(text) if !text.is_empty() => text
+            .parse()
+            .unwrap_or_else(|error| panic!("MINUTES={text} is no number of minutes: {error}")),
+        _ => MINUTES,
+    };
+    let chip = rig::board().chip;
+    let setups = Setup::ALL.into_iter().filter(|setup| setup.chip() == chip);
+    let floods: Vec<Scenario> = setups.flat_map(floods).collect();
+    let begun = Instant::now();
+    let rows = parallel::each(&floods, |&scenario| {
+        let row = Row::of(scenario, &run(scenario, (minutes * 60_000.0) as u64));
+        eprintln!("{:5.0} s  {row}", begun.elapsed().as_secs_f64());
+        row
+    });
+    let part = page::part(&rows, chip, minutes);
+    print!("{part}");
+    if minutes == MINUTES {
+        page::write(&part, chip);
+    }
+}
