@@ -125,6 +125,41 @@ def test_with_a_key_unsigned_stations_take_no_place(node, bridge, station, tmp_p
         link.close()
 
 
+def test_a_captured_message_is_executed_once(node, bridge, tmp_path):
+    """Not on another channel, and not after a restart: a signed command that restarts the node."""
+    (tmp_path / "key").write_text("correct horse\n")
+    other = free_port()
+    channels = [f"udpin:{bridge.port}", f"udpin:{other}"]
+    captured = []
+    for attempt in range(2):
+        started = bridge(node.bus, "--signing-key", tmp_path / "key", channels=channels)
+        started.wait_for_text(f"node {NODE} is org.")
+        sender = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        if not captured:
+            captured.append(signed_restart())
+            sender.sendto(captured[0], ("127.0.0.1", bridge.port))
+            wait_until(lambda: node.node.requests["uavcan.protocol.RestartNode"], "restart")
+        for port in (bridge.port, other):
+            sender.sendto(captured[0], ("127.0.0.1", port))
+        time.sleep(0.5)
+        sender.close()
+        assert node.node.requests["uavcan.protocol.RestartNode"] == 1, f"attempt {attempt}"
+        assert started.end() == 0
+        assert "not signed" in started.text()
+
+
+def signed_restart():
+    """The bytes of a signed command that restarts the node."""
+    mav = mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
+    mav.signing.secret_key = hashlib.sha256(b"correct horse").digest()
+    mav.signing.link_id = 3
+    # 10 us since 2015-01-01.
+    mav.signing.timestamp = int((time.time() - 1420070400) * 100_000)
+    mav.signing.sign_outgoing = True
+    restart = mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN
+    return mav.command_long_encode(1, NODE, restart, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav)
+
+
 def test_a_connection_that_does_not_sign_receives_nothing_and_is_closed(node, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
     port = free_port()

@@ -133,7 +133,8 @@ impl Script {
         if let Some(first) = self.frame_times.get(due) {
             let (late, first, end) = (frames - due, seconds(*first), seconds(now));
             reasons.push(format!(
-                "{late} frames come after the end of the run at {end:.3} s, the first at {first:.3} s"
+                "{late} frames come after the end of the run at {end:.3} s, \
+                 the first at {first:.3} s"
             ));
         }
         if let Some((first, _)) = self.events.front() {
@@ -306,7 +307,8 @@ mod tests {
         assert_eq!(hint(text).as_deref(), Some(late));
         let text = "# x\n\n(0) can0 20000008#00\n(7) temperature 60\n";
         let expected = "1 events come after it, the first at 7.000 s; \
-                        1 lines are error frames, which no station sends; 2 lines are empty or comments";
+                        1 lines are error frames, which no station sends; \
+                        2 lines are empty or comments";
         assert_eq!(hint(text).as_deref(), Some(expected));
         assert_eq!(hint("").as_deref(), Some("the file is empty"));
         // No other station acknowledges.
