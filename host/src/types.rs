@@ -99,6 +99,12 @@ pub const KEY_VALUE: DataType =
     message(16370, "debug.KeyValue", 0xE02F_25D6_E0C9_8AE0, list(32, 8, 58));
 /// ArduPilot's safety switch.
 pub const SAFETY_STATE: DataType = message(20000, "SafetyState", 0xE965_701A_95A1_A6A1, fixed(8));
+/// Heading and state of ArduPilot's vehicle. Its auxiliary data is not at the end.
+pub const NOTIFY_STATE: DataType = message(20007, "NotifyState", 0x631F_2A9C_1651_FDEC, fixed(80));
+/// Of Hobbywing (com.hobbywing.esc).
+pub const GET_ESC_ID: DataType = message(20013, "GetEscID", 0x4E2D, list(0, 8, 3));
+pub const GLOBAL_TIME_SYNC: DataType =
+    message(4, "GlobalTimeSync", 0x2027_1116_A793_C2DB, fixed(56));
 pub const GET_NODE_INFO: DataType =
     service(1, "GetNodeInfo", 0xEE46_8A81_21C4_6A9E, fixed(0), list(328, 8, 80));
 pub const GET_TRANSPORT_STATS: DataType =
@@ -140,7 +146,7 @@ pub const KNOWN: &[DataType] = &[
     GET_SET,
     BEGIN_FIRMWARE_UPDATE,
     FILE_READ,
-    message(4, "GlobalTimeSync", 0x2027_1116_A793_C2DB, fixed(56)),
+    GLOBAL_TIME_SYNC,
     message(5, "Panic", 0x8B79_B410_1811_C1D7, list(0, 8, 7)),
     message(342, "Stats", 0x763A_E3B8_A986_F8D1, fixed(224)),
     message(380, "enumeration.Indication", 0x884C_B630_50A8_4F35, list(72, 8, 92)),
@@ -179,6 +185,8 @@ pub const KNOWN: &[DataType] = &[
     message(20004, "power.BatteryInfoAux", 0x7D7F_49FC_7548_4882, fixed(137)),
     message(20005, "gnss.MovingBaselineData", 0x09F3_2374_8C32_133A, list(0, 8, 300)),
     message(20006, "gnss.RelPosHeading", 0xA172_7AF2_95F9_4478, fixed(153)),
+    NOTIFY_STATE,
+    GET_ESC_ID,
     message(20010, "power.BatteryContinuous", 0x756B_5613_40D5_E4AE, fixed(200)),
     message(20011, "power.BatteryPeriodic", 0x0F01_2494_E973_58D2, fixed(272)),
     message(20012, "power.BatteryCells", 0x5C8B_1ABD_1589_0EA4, fixed(21)),

@@ -121,11 +121,24 @@ pub struct Args {
     #[arg(long, value_name = "ID|all", default_value = "1", value_parser = actuator, allow_hyphen_values = true)]
     pub actuator: Actuator,
 
-    /// Number of motors that the autopilot commands 50 times a second, from index 0 on; they sweep
-    /// while armed; for ardupilot up to 20, for px4 up to 12 [default: none, and no
-    /// esc.RawCommand]
+    /// Number of actuators in each command, from the first ID on; 0 for no ArrayCommand [default:
+    /// 15 for ardupilot and ardupilot-pwm, 8 for px4]
+    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u8).range(0..=15), allow_hyphen_values = true)]
+    pub servos: Option<u8>,
+
+    /// Leave the actuators that move out of the commands while disarmed, as ArduPilot leaves out
+    /// the throttle with ARMING_REQUIRE 2
+    #[arg(long)]
+    pub omit_disarmed: bool,
+
+    /// Number of motors that the autopilot commands, from index 0 on; they sweep while armed; for
+    /// ardupilot up to 20, for px4 up to 12 [default: none, and no esc.RawCommand]
     #[arg(long, value_name = "NUMBER", value_parser = motors, allow_hyphen_values = true)]
     pub motors: Option<u8>,
+
+    /// Commands for motors a second, 1 to 400
+    #[arg(long, value_name = "HZ", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=400), allow_hyphen_values = true)]
+    pub motor_rate: u32,
 
     /// Unit of the commands, for --autopilot plain; in the draft only unitless and thesis
     /// [default: unitless]
@@ -277,7 +290,21 @@ impl Args {
             "--motors {motors}: {} commands at most {motors_max}",
             self.autopilot
         );
+        ensure!(
+            (self.servos.is_none() && !self.omit_disarmed) || self.autopilot.commands_several(),
+            "--servos and --omit-disarmed: {} commands one actuator, use --autopilot ardupilot or px4",
+            self.autopilot
+        );
+        ensure!(
+            self.servos.is_none_or(|servos| servos <= usual.servos),
+            "--servos: {} commands at most {}",
+            self.autopilot,
+            usual.servos
+        );
         Ok(Some(Settings {
+            servos: self.servos.unwrap_or(usual.servos),
+            motor_rate_hz: self.motor_rate,
+            omits_disarmed: self.omit_disarmed,
             node_id: self.autopilot_id.unwrap_or(usual.node_id),
             actuator,
             moves,
@@ -528,6 +555,9 @@ mod tests {
         for (line, advice) in [
             ("sim --actuator all", "--autopilot ardupilot or px4"),
             ("sim --motors 4", "--autopilot ardupilot or px4"),
+            ("sim --servos 4", "--autopilot ardupilot or px4"),
+            ("sim --omit-disarmed", "--autopilot ardupilot or px4"),
+            ("sim --autopilot px4 --servos 9", "PX4 commands at most 8"),
             ("sim --autopilot px4 --motors 13", "PX4 commands at most 12"),
             ("sim --autopilot px4 --command-type pwm", "--autopilot plain"),
             ("sim --autopilot px4 --actuator 8", "PX4 commands 0 to 7"),

@@ -1,6 +1,7 @@
 //! The messages of the autopilot in the draft of 2014: status, commands and GetNodeInfo.
 
-use super::{ANSWER_DELAY, Autopilot, CommandType, thesis_position};
+use super::send::thesis_position;
+use super::{ANSWER_DELAY, Autopilot, CommandType};
 use crate::Cycles;
 use crate::can::Frame;
 use crate::dronecan::NodeId;
@@ -70,4 +71,50 @@ fn frames(message: &Message, source: NodeId, route: Route, transfer_id: Transfer
     let (data_type, payload) = message.encode().expect("only encodable messages are made");
     let transfer = Transfer { type_id: data_type.id, source, route, transfer_id, payload };
     transfer.split(data_type.signature.unwrap_or(0))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Only, Profile, Settings};
+    use super::*;
+    use crate::F_CPU_HZ;
+    use crate::dronecan::Dialect;
+
+    fn in_draft(profile: Profile, only: Option<Only>) -> Autopilot {
+        let settings = Settings { only, ..Settings::of(profile).in_dialect(Dialect::Draft) };
+        Autopilot::new(settings, 1_000_000)
+    }
+
+    /// Frames that `autopilot` sends before `until`, in candump's notation.
+    fn frames_of(autopilot: &mut Autopilot, until: Cycles) -> Vec<String> {
+        autopilot.due(until).into_iter().map(|(_, frame)| frame.to_string()).collect()
+    }
+
+    #[test]
+    fn in_the_draft_the_status_and_the_commands_are_frames_of_the_draft() {
+        let mut autopilot = in_draft(Profile::Plain, None);
+        autopilot.hold(0.5);
+        let frames = frames_of(&mut autopilot, 2 * F_CPU_HZ);
+        assert_eq!(frames[..3], ["11340408#000000000000", "084C0408#010038", "084C0409#010038"]);
+        assert_eq!(frames[51], "11340409#010000000000");
+        assert_eq!(frames.iter().filter(|frame| frame.starts_with("1134")).count(), 2);
+        assert_eq!(frames.iter().filter(|frame| frame.starts_with("084C")).count(), 100);
+        // After the eight transfer IDs of the draft comes the first again.
+        assert_eq!(
+            (frames[8].as_str(), frames[9].as_str()),
+            ("084C040F#010038", "084C0408#010038")
+        );
+    }
+
+    #[test]
+    fn the_autopilot_of_the_thesis_commands_one_byte_in_the_draft() {
+        let mut autopilot = in_draft(Profile::Thesis, None);
+        for (deflection, expected) in [(-1.0, "00"), (0.0, "80"), (1.0, "FF")] {
+            autopilot.hold(deflection);
+            let until = autopilot.next_command_at + 1;
+            let frame = frames_of(&mut autopilot, until).pop().unwrap();
+            assert_eq!(&frame[..8], format!("17C4040{:X}", 8 + autopilot.commands_sent() - 1));
+            assert_eq!(&frame[9..], expected);
+        }
+    }
 }

@@ -1,8 +1,11 @@
 //! Profiles of common flight controllers: the IDs, priorities and rates of their messages.
 //!
-//! Sources: ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator,
-//! SRV_send_esc, safety_state_send, init); PX4, src/drivers/uavcan/actuators/servo.cpp at f929353e,
-//! esc.cpp at 000f5fdb and arming_status.cpp; priorities of libcanard's canard.h.
+//! Sources: recordings of ArduPlane 4.7.0-dev's software in the loop (tests/data/ardupilot);
+//! ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator, SRV_send_esc,
+//! safety_state_send, init); PX4, src/drivers/uavcan/actuators/servo.cpp at f929353e, esc.cpp at
+//! 000f5fdb, arming_status.cpp at 2a26f9a6, safety_state.cpp at 25ab311a and uavcan_main.cpp at
+//! 011a4138; libuavcan's global_time_sync_master.hpp; priorities of libcanard's canard.h. Nobody
+//! has recorded a PX4 here.
 
 use super::CommandType;
 use crate::dronecan::{Dialect, NodeId};
@@ -17,16 +20,21 @@ pub enum Profile {
     Plain,
     /// The autopilot of the thesis: like plain, but with the thesis's own commands.
     Thesis,
-    /// ArduPilot: 15 commands in each message, for actuators 1 to 15, -1 to +1; ArmingStatus and
-    /// SafetyState.
+    /// ArduPilot: 15 commands in each message, for actuators 1 to 15, -1 to +1; ArmingStatus,
+    /// SafetyState, NotifyState, GetEscID and GetNodeInfo.
     Ardupilot,
     /// ArduPilot with the option to command pulse widths (CAN_Dn_UC_OPTION, bit 4).
     ArdupilotPwm,
-    /// PX4: 8 commands in each message, for actuators 0 to 7, -1 to +1; ArmingStatus.
+    /// PX4: 8 commands in each message, for actuators 0 to 7, -1 to +1; ArmingStatus, SafetyState
+    /// and GlobalTimeSync.
     Px4,
     /// No autopilot: only other programs command the node.
     None,
 }
+
+/// Values of SafetyState: the outputs are disabled, enabled.
+const SAFETY_ON: u8 = 0;
+const SAFETY_OFF: u8 = 255;
 
 /// First ID and number of the actuators that a profile commands with one message.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -57,7 +65,7 @@ impl Profile {
     pub(super) fn name(self) -> &'static str {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => "org.ardupilot:0",
-            Profile::Px4 => "org.pixhawk.px4",
+            Profile::Px4 => "org.pixhawk.pixhawk",
             _ => "org.example.autopilot",
         }
     }
@@ -133,17 +141,49 @@ impl Profile {
         }
     }
 
-    /// Period and priority of ArmingStatus.
+    /// Period and priority of ArmingStatus. PX4 looks for a change ten times a second, and its
+    /// commander publishes the state twice a second.
     pub(super) fn arming(self) -> Option<(Cycles, u8)> {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => Some((F_CPU_HZ / 2, 24)),
-            Profile::Px4 => Some((F_CPU_HZ / 10, 16)),
+            Profile::Px4 => Some((F_CPU_HZ / 2, 16)),
             _ => None,
         }
     }
 
     /// True if the profile sends SafetyState with ArmingStatus.
     pub(super) fn has_safety_switch(self) -> bool {
+        matches!(self, Profile::Ardupilot | Profile::ArdupilotPwm | Profile::Px4)
+    }
+
+    /// SafetyState of a vehicle whose safety switch is off. PX4 sends "on" unless armed.
+    pub(super) fn safety_state(self, armed: bool) -> u8 {
+        if self == Profile::Px4 && !armed { SAFETY_ON } else { SAFETY_OFF }
+    }
+
+    /// Period and priority of NotifyState: heading and state of the vehicle, for its lights.
+    pub(super) fn notify(self) -> Option<(Cycles, u8)> {
+        self.is_ardupilot().then_some((F_CPU_HZ / 20, 24))
+    }
+
+    /// Period and priority of GetEscID, with which ArduPilot looks for motor controllers of
+    /// Hobbywing while it is disarmed.
+    pub(super) fn esc_id(self) -> Option<(Cycles, u8)> {
+        self.is_ardupilot().then_some((F_CPU_HZ, 16))
+    }
+
+    /// Period of GetNodeInfo requests to the known nodes, one after the other, with which ArduPilot
+    /// verifies that no node has another one's ID.
+    pub(super) fn verify_period(self) -> Option<Cycles> {
+        self.is_ardupilot().then_some(5 * F_CPU_HZ)
+    }
+
+    /// Period and priority of GlobalTimeSync.
+    pub(super) fn time_sync(self) -> Option<(Cycles, u8)> {
+        (self == Profile::Px4).then_some((F_CPU_HZ, 1))
+    }
+
+    fn is_ardupilot(self) -> bool {
         matches!(self, Profile::Ardupilot | Profile::ArdupilotPwm)
     }
 

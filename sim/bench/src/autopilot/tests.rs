@@ -1,0 +1,448 @@
+//! Tests of the autopilot.
+
+use super::*;
+use crate::can::Id;
+use crate::dronecan::{Allocation, Assembler, CommandUnit, NodeInfo, NodeStatus, Outcome};
+
+fn autopilot(command_type: CommandType) -> Autopilot {
+    let settings = Settings { command_type, ..Settings::default() };
+    Autopilot::new(settings, 1_000_000)
+}
+
+/// Messages that `autopilot` sends before `until`.
+fn sent(autopilot: &mut Autopilot, until: Cycles) -> Vec<(Cycles, Message)> {
+    let mut assembler = Assembler::new();
+    let frames = autopilot.due(until);
+    let decode = |(at, frame): (Cycles, Frame)| {
+        let crate::can::Id::Extended(id) = frame.id else {
+            panic!("standard frame");
+        };
+        match assembler.push(id, frame.data(), crate::elapsed(at)) {
+            Outcome::Complete(transfer) => Some((at, Message::decode(&transfer))),
+            Outcome::Partial => None,
+            other => panic!("{other:?}"),
+        }
+    };
+    frames.into_iter().filter_map(decode).collect()
+}
+
+fn like(profile: Profile) -> Autopilot {
+    Autopilot::new(Settings::of(profile), 1_000_000)
+}
+
+/// Lets `autopilot` receive a transfer that ends at `at`.
+fn receive(autopilot: &mut Autopilot, at: Cycles, id: u32, message: &Message) {
+    let id = CanId::parse(id).unwrap();
+    for frame in frames(id, TransferId::new(7), message) {
+        autopilot.receive(at, &frame);
+    }
+}
+
+fn status(uptime_s: u32) -> Message {
+    Message::NodeStatus(NodeStatus { uptime_s, ..NodeStatus::default() })
+}
+
+/// Times, in milliseconds, at which a frame with this identifier is sent before `until`.
+fn times_of(autopilot: &mut Autopilot, id: u32, until: Cycles) -> Vec<u64> {
+    let frames = autopilot.due(until).into_iter();
+    frames
+        .filter(|(_, frame)| frame.id == Id::Extended(id))
+        .map(|(at, _)| at * 1000 / F_CPU_HZ)
+        .collect()
+}
+
+fn is_command(message: &Message) -> bool {
+    matches!(message, Message::ArrayCommand(_) | Message::ThesisCommand(_))
+}
+
+#[test]
+fn the_autopilot_sends_one_status_and_fifty_commands_a_second() {
+    let mut autopilot = autopilot(CommandType::Unitless);
+    let messages = sent(&mut autopilot, 10 * F_CPU_HZ);
+    let commands = messages.iter().filter(|(_, m)| is_command(m)).count();
+    assert_eq!((messages.len() - commands, commands), (10, 500));
+    assert!(messages.is_sorted_by_key(|(at, _)| *at));
+}
+
+#[test]
+fn the_length_of_the_steps_does_not_change_the_messages() {
+    let mut whole = autopilot(CommandType::Unitless);
+    let mut pieces = autopilot(CommandType::Unitless);
+    let at_once = sent(&mut whole, F_CPU_HZ);
+    let stepped: Vec<_> =
+        (1..=1000).flat_map(|ms| sent(&mut pieces, ms * F_CPU_HZ / 1000)).collect();
+    assert_eq!(at_once, stepped);
+}
+
+#[test]
+fn uptime_counts_true_seconds() {
+    let mut autopilot = autopilot(CommandType::Unitless);
+    let uptimes: Vec<u32> = sent(&mut autopilot, 3 * F_CPU_HZ)
+        .into_iter()
+        .filter_map(|(_, m)| match m {
+            Message::NodeStatus(status) => Some(status.uptime_s),
+            _ => None,
+        })
+        .collect();
+    assert_eq!(uptimes, [0, 1, 2]);
+}
+
+#[test]
+fn a_held_position_is_sent_in_each_unit() {
+    let cases = [
+        (CommandType::Unitless, "ArrayCommand id 1 unitless +0.50"),
+        (CommandType::Position, "ArrayCommand id 1 position +0.39 rad"),
+        (CommandType::Pwm, "ArrayCommand id 1 PWM 1750 us"),
+        (CommandType::Thesis, "thesis.ServoCommand 191"),
+    ];
+    for (command_type, expected) in cases {
+        let mut autopilot = autopilot(command_type);
+        autopilot.hold(0.5);
+        let messages = sent(&mut autopilot, COMMAND_OFFSET + 1);
+        assert_eq!(messages.last().unwrap().1.to_string(), expected);
+    }
+}
+
+#[test]
+fn the_sweep_reaches_both_ends() {
+    let autopilot = autopilot(CommandType::Unitless);
+    assert_eq!(autopilot.deflection(0), 0.0);
+    assert_eq!(autopilot.deflection(F_CPU_HZ), 1.0);
+    assert_eq!(autopilot.deflection(3 * F_CPU_HZ), -1.0);
+}
+
+#[test]
+fn a_sweep_starts_at_the_present_deflection() {
+    let mut autopilot = autopilot(CommandType::Unitless);
+    autopilot.hold(-0.75);
+    autopilot.sweep(12_345);
+    assert!((autopilot.deflection(12_345) + 0.75).abs() < 1e-9);
+    autopilot.nudge(-0.5, 12_345);
+    assert_eq!(autopilot.deflection(99_999), -1.0);
+}
+
+/// A silenced autopilot must not send its backlog later.
+#[test]
+fn messages_that_are_due_during_silence_are_not_sent_later() {
+    let mut autopilot = autopilot(CommandType::Unitless);
+    autopilot.set_silent(true);
+    assert!(sent(&mut autopilot, 5 * F_CPU_HZ).is_empty());
+    autopilot.set_silent(false);
+    let messages = sent(&mut autopilot, 6 * F_CPU_HZ);
+    assert_eq!(messages.len(), 51);
+    assert!(messages.iter().all(|(at, _)| *at >= 5 * F_CPU_HZ));
+}
+
+#[test]
+fn the_node_id_can_be_changed() {
+    let mut autopilot = autopilot(CommandType::Unitless);
+    autopilot.set_node_id(NodeId::new(10).unwrap());
+    let frames = autopilot.due(1);
+    assert_eq!(frames[0].1, Frame::extended(0x1001_550A, frames[0].1.data()));
+}
+
+#[test]
+fn ardupilot_commands_fifteen_actuators_from_1_with_nine_frames() {
+    let mut autopilot = like(Profile::Ardupilot);
+    autopilot.hold(0.5);
+    let frames: Vec<_> = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
+    assert_eq!(frames.len(), 9);
+    assert!(
+        frames
+            .iter()
+            .all(|(at, frame)| *at == COMMAND_OFFSET && frame.id == Id::Extended(0x0803_F20A))
+    );
+    let mut autopilot = like(Profile::Ardupilot);
+    autopilot.hold(0.5);
+    let Message::ArrayCommand(commands) = sent(&mut autopilot, COMMAND_OFFSET + 1).remove(1).1
+    else {
+        panic!()
+    };
+    let ids: Vec<u8> = commands.iter().map(|command| command.actuator).collect();
+    assert_eq!(ids, (1..=15).collect::<Vec<u8>>());
+    assert!(commands.iter().all(|command| command.unit == CommandUnit::Unitless));
+    let values: Vec<f32> = commands.iter().map(|command| command.value.to_f32()).collect();
+    assert_eq!(values[0], 0.5);
+    assert!(values[1..].is_sorted() && values[1] != values[2]);
+}
+
+/// The values of the first ArrayCommand.
+fn first_commands(autopilot: &mut Autopilot) -> Vec<f32> {
+    let messages = sent(autopilot, COMMAND_OFFSET + 1);
+    let Some((_, Message::ArrayCommand(commands))) = messages.last() else {
+        panic!("{messages:?}")
+    };
+    commands.iter().map(|command| command.value.to_f32()).collect()
+}
+
+#[test]
+fn all_actuators_sweep_each_with_its_own_phase() {
+    let all = |profile, motion| {
+        let mut autopilot =
+            Autopilot::new(Settings { moves: Moves::All, ..Settings::of(profile) }, 1_000_000);
+        autopilot.motion = motion;
+        first_commands(&mut autopilot)
+    };
+    let values = all(Profile::Px4, Motion::Sweep { since: COMMAND_OFFSET, phase: 0.0 });
+    let expected = [0.0, 0.707, 1.0, 0.707, 0.0, -0.707, -1.0, -0.707];
+    assert!(
+        values.iter().zip(expected).all(|(value, expected)| (value - expected).abs() < 0.002),
+        "{values:?}"
+    );
+    let mut values = all(Profile::Ardupilot, Motion::Sweep { since: 0, phase: 0.0 });
+    values.sort_by(f32::total_cmp);
+    values.dedup();
+    assert_eq!(values.len(), 15);
+    assert_eq!(all(Profile::Ardupilot, Motion::Hold(-0.5)), [-0.5; 15]);
+}
+
+/// Time in milliseconds and commands of each RawCommand before `until`.
+fn motor_commands(autopilot: &mut Autopilot, until: Cycles) -> Vec<(u64, Vec<i16>)> {
+    let plain = |(at, message)| match message {
+        Message::RawCommand(commands) => Some((at * 1000 / F_CPU_HZ, commands)),
+        _ => None,
+    };
+    sent(autopilot, until).into_iter().filter_map(plain).collect()
+}
+
+#[test]
+fn motors_are_off_while_disarmed_and_follow_the_motion_while_armed() {
+    for (profile, idle) in [(Profile::Ardupilot, 0), (Profile::Px4, 1)] {
+        let mut autopilot =
+            Autopilot::new(Settings { motors: 2, ..Settings::of(profile) }, 1_000_000);
+        autopilot.hold(-1.0);
+        assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 50), [(15, vec![idle; 2])]);
+        autopilot.hold(1.0);
+        assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 25), [(35, vec![8191; 2])]);
+        autopilot.set_armed(false);
+        assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ * 3 / 50), [(55, vec![0; 2])]);
+        autopilot.set_armed(true);
+        autopilot.motion = Motion::Sweep { since: F_CPU_HZ * 75 / 1000, phase: 0.25 };
+        assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 10)[0], (75, vec![8191, idle]));
+        assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ * 11 / 10).len(), 50);
+    }
+}
+
+#[test]
+fn motors_are_commanded_with_the_priority_of_the_profile_and_only_if_there_are_any() {
+    for (profile, motors, id, frames) in [
+        (Profile::Ardupilot, 20, 0x0704_060A, 6),
+        (Profile::ArdupilotPwm, 4, 0x0704_060A, 1),
+        (Profile::Px4, 8, 0x0004_0601, 3),
+        (Profile::Px4, 0, 0x0004_0601, 0),
+        (Profile::Plain, 4, 0x0004_0601, 0),
+    ] {
+        let mut autopilot = Autopilot::new(Settings { motors, ..Settings::of(profile) }, 1_000_000);
+        assert_eq!(times_of(&mut autopilot, id, F_CPU_HZ / 50), vec![15; frames], "{profile:?}");
+        assert!(motors <= profile.motors_max() || profile.motors().is_none());
+    }
+    let mut autopilot = Autopilot::new(
+        Settings { motors: 4, ..Settings::of(Profile::Px4) }.in_dialect(Dialect::Draft),
+        1_000_000,
+    );
+    assert!(autopilot.due(F_CPU_HZ).iter().all(|(_, frame)| frame.id != Id::Extended(0x0004_0601)));
+}
+
+#[test]
+fn ardupilot_can_command_pulse_widths() {
+    let mut autopilot = like(Profile::ArdupilotPwm);
+    autopilot.hold(-0.5);
+    let messages = sent(&mut autopilot, COMMAND_OFFSET + 1);
+    assert!(
+        messages[1].1.to_string().starts_with("ArrayCommand id 1 PWM 1250 us, id 2 PWM "),
+        "{messages:?}"
+    );
+}
+
+#[test]
+fn ardupilot_sends_arming_status_twice_a_second() {
+    let mut autopilot = like(Profile::Ardupilot);
+    let of_a_second = |autopilot: &mut Autopilot, second| {
+        let messages = sent(autopilot, second * F_CPU_HZ).into_iter();
+        messages
+            .map(|(_, message)| message.to_string())
+            .filter(|text| {
+                !["ArrayC", "Notify", "GetEsc"].iter().any(|name| text.starts_with(name))
+            })
+            .collect::<Vec<_>>()
+    };
+    let expected =
+        ["NodeStatus OK OPERATIONAL up 0 s vendor 0x0000", "SafetyState off", "ArmingStatus armed"];
+    assert_eq!(of_a_second(&mut autopilot, 1), [&expected[..], &expected[1..]].concat());
+    autopilot.set_armed(false);
+    assert_eq!(of_a_second(&mut autopilot, 2)[2], "ArmingStatus disarmed");
+    assert_eq!(times_of(&mut autopilot, 0x1804_4C0A, 3 * F_CPU_HZ), [2012, 2512]);
+    assert_eq!(times_of(&mut autopilot, 0x1F01_550A, 4 * F_CPU_HZ), [3000]);
+}
+
+#[test]
+fn px4_commands_eight_actuators_from_0_with_five_frames() {
+    let mut autopilot =
+        Autopilot::new(Settings { actuator: 0, ..Settings::of(Profile::Px4) }, 1_000_000);
+    autopilot.hold(-1.0);
+    let frames = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
+    assert_eq!(frames.len(), 5);
+    assert!(frames.iter().all(|(_, frame)| frame.id == Id::Extended(0x0603_F201)));
+    let messages = sent(&mut autopilot, COMMAND_OFFSET + COMMAND_PERIOD + 1);
+    let Some((_, Message::ArrayCommand(commands))) = messages.last() else {
+        panic!("{messages:?}")
+    };
+    assert_eq!((commands.len(), commands[0].actuator, commands[7].actuator), (8, 0, 7));
+    assert_eq!(commands[0].value.to_f32(), -1.0);
+}
+
+#[test]
+fn a_new_node_gets_get_node_info_requests_until_it_responds() {
+    let mut autopilot = like(Profile::Ardupilot);
+    const REQUEST: u32 = 0x1001_F88A;
+    receive(&mut autopilot, 16_000, 0x1801_5578, &status(0));
+    assert_eq!(times_of(&mut autopilot, REQUEST, 2 * F_CPU_HZ + F_CPU_HZ / 2), [3, 1003, 2003]);
+    let info = NodeInfo { name: b"org.example.servo".to_vec(), ..NodeInfo::default() };
+    receive(&mut autopilot, 2 * F_CPU_HZ, 0x1001_0AF8, &Message::NodeInfo(Box::new(info)));
+    assert_eq!(times_of(&mut autopilot, REQUEST, 4 * F_CPU_HZ), []);
+    let events = autopilot.take_events();
+    assert!(events[0].1.starts_with("120 is org.example.servo software 0.0"), "{events:?}");
+    // The same node without, then with a restart.
+    receive(&mut autopilot, 3 * F_CPU_HZ, 0x1801_5578, &status(3));
+    assert_eq!(times_of(&mut autopilot, REQUEST, 5 * F_CPU_HZ), []);
+    receive(&mut autopilot, 5 * F_CPU_HZ, 0x1801_5578, &status(0));
+    assert_eq!(times_of(&mut autopilot, REQUEST, 5 * F_CPU_HZ + F_CPU_HZ / 2), [5000, 5002]);
+}
+
+#[test]
+fn a_node_that_is_offline_gets_no_more_requests() {
+    let mut autopilot = like(Profile::Px4);
+    receive(&mut autopilot, 0, 0x1801_5578, &status(0));
+    assert_eq!(times_of(&mut autopilot, 0x1E01_F881, 20 * F_CPU_HZ), [2, 1002, 2002, 3002]);
+}
+
+#[test]
+fn the_autopilot_answers_get_node_info() {
+    let mut autopilot = like(Profile::Px4);
+    receive(&mut autopilot, F_CPU_HZ, 0x1E01_81FF, &Message::NodeInfoRequest);
+    let messages = sent(&mut autopilot, 2 * F_CPU_HZ);
+    let (at, answer) =
+        messages.iter().find(|(_, message)| matches!(message, Message::NodeInfo(_))).unwrap();
+    assert_eq!(*at, F_CPU_HZ + ANSWER_DELAY);
+    assert!(answer.to_string().starts_with("GetNodeInfo response org.pixhawk.pixhawk"), "{answer}");
+}
+
+#[test]
+fn the_autopilot_allocates_node_ids_only_if_it_is_set_to() {
+    for allocates in [false, true] {
+        let mut autopilot =
+            Autopilot::new(Settings { allocates, ..Settings::default() }, 1_000_000);
+        let mut answers = Vec::new();
+        for (first, len, at) in [(0, 6, 100), (6, 6, 300), (12, 4, 500)] {
+            let request = Allocation {
+                node_id: 0,
+                first_part: first == 0,
+                unique_id: (first..first + len).collect(),
+            };
+            receive(&mut autopilot, at * 16_000, 0x1E97_4D00, &Message::Allocation(request));
+            let messages = sent(&mut autopilot, (at + 100) * 16_000).into_iter();
+            answers
+                .extend(messages.filter(|(_, message)| matches!(message, Message::Allocation(_))));
+        }
+        let texts: Vec<_> =
+            answers.iter().map(|(at, message)| format!("{} {message}", at / 16_000)).collect();
+        let expected = [
+            "102 Allocation unique ID 000102030405",
+            "302 Allocation unique ID 000102030405060708090A0B",
+            "502 Allocation node ID 125 unique ID 000102030405060708090A0B0C0D0E0F",
+        ];
+        assert_eq!(texts, if allocates { &expected[..] } else { &[] });
+        assert_eq!(autopilot.take_events().len(), usize::from(allocates));
+    }
+}
+
+#[test]
+fn the_next_command_type_is_one_of_the_profile() {
+    let mut autopilot = autopilot(CommandType::Thesis);
+    autopilot.next_command_type();
+    assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
+    let mut autopilot = like(Profile::Ardupilot);
+    autopilot.next_command_type();
+    assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
+}
+
+fn in_draft(profile: Profile, only: Option<Only>) -> Autopilot {
+    let settings = Settings { only, ..Settings::of(profile).in_dialect(Dialect::Draft) };
+    Autopilot::new(settings, 1_000_000)
+}
+
+#[test]
+fn the_autopilot_can_send_only_its_status_or_only_commands_in_either_dialect() {
+    let sent = |settings: Settings| {
+        let mut autopilot = Autopilot::new(settings, 1_000_000);
+        let frames = autopilot.due(2 * F_CPU_HZ);
+        let commands = autopilot.commands_sent();
+        (frames.len(), commands, frames[1].1.to_string())
+    };
+    for (dialect, status, command) in [
+        (Dialect::V0, "10015501#01000000000000C1", "0803F201#"),
+        (Dialect::Draft, "11340409#010000000000", "084C0409#"),
+    ] {
+        let with = |only| Settings { only: Some(only), ..Settings::default().in_dialect(dialect) };
+        assert_eq!(sent(with(Only::Status)), (2, 0, String::from(status)));
+        let (frames, commands, text) = sent(with(Only::Commands));
+        assert_eq!((frames, commands), (100, 100));
+        assert!(text.starts_with(command), "{text}");
+    }
+    let only = Settings { only: Some(Only::Status), ..Settings::of(Profile::Ardupilot) };
+    assert_eq!(sent(only).0, 2, "no ArmingStatus");
+}
+
+#[test]
+fn the_autopilot_answers_get_node_info_in_its_dialect_and_ignores_the_other() {
+    for (profile, request) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
+        for dialect in [Dialect::V0, Dialect::Draft] {
+            let mut autopilot =
+                Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);
+            autopilot.set_silent(false);
+            autopilot.receive(F_CPU_HZ, &request.parse().unwrap());
+            let asked_in = if request.starts_with("1E") { Dialect::V0 } else { Dialect::Draft };
+            assert_eq!(
+                autopilot.answers.len(),
+                usize::from(dialect == asked_in),
+                "{request} {dialect}"
+            );
+        }
+    }
+    let mut autopilot = in_draft(Profile::Plain, None);
+    autopilot.receive(F_CPU_HZ, &"113BFC0D#01".parse().unwrap());
+    let (at, frames) = autopilot.answers.pop_front().unwrap();
+    assert_eq!(at, F_CPU_HZ + ANSWER_DELAY);
+    // To 127, from 1, with the transfer ID of the request; the uptime is one second.
+    assert_eq!(frames[0].id, Id::Extended(0x1138_0405));
+    assert_eq!(frames[0].data()[..1], [0x7F]);
+    assert_eq!(frames[0].data()[3..8], [1, 0, 0, 0, 0]);
+    let text: Vec<u8> = frames.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
+    assert!(text.ends_with(b"org.example.autopilot"), "{frames:?}");
+}
+
+#[test]
+fn an_autopilot_that_starts_later_has_uptime_0_and_sends_nothing_before() {
+    let mut autopilot = Autopilot::powered(Settings::default(), 1_000_000, 10 * F_CPU_HZ);
+    let messages = sent(&mut autopilot, 12 * F_CPU_HZ);
+    assert_eq!(messages.len(), 2 + 100);
+    assert!(messages.iter().all(|(at, _)| *at >= 10 * F_CPU_HZ));
+    assert_eq!(messages[0].1, status(0));
+    assert_eq!(messages[51].1, status(1));
+}
+
+#[test]
+fn settings_keep_what_the_other_dialect_has() {
+    let settings =
+        Settings { actuator: 3, ..Settings::of(Profile::ArdupilotPwm) }.in_dialect(Dialect::Draft);
+    assert_eq!((settings.profile, settings.command_type), (Profile::Plain, CommandType::Unitless));
+    assert_eq!((settings.actuator, settings.node_id.get()), (3, 10));
+    let settings = Settings::of(Profile::Thesis).in_dialect(Dialect::Draft).in_dialect(Dialect::V0);
+    assert_eq!((settings.profile, settings.command_type), (Profile::Thesis, CommandType::Thesis));
+    let mut autopilot = in_draft(Profile::Plain, None);
+    let types = [(); 3].map(|()| {
+        autopilot.next_command_type();
+        autopilot.settings().command_type
+    });
+    assert_eq!(types, [CommandType::Thesis, CommandType::Unitless, CommandType::Thesis]);
+}
