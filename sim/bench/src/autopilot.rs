@@ -10,7 +10,7 @@
 //! The autopilot uses simulated time and queues each frame for its exact time, so that a run can be
 //! repeated. It sends each answer a fixed time after the request.
 //!
-//! Limits: GetNodeInfo is its only service, and it queues all frames of a transfer at once.
+//! Limits: it queues all frames of a transfer at once.
 
 mod allocator;
 mod in_draft;
@@ -69,6 +69,9 @@ const REQUEST_PERIOD: Cycles = F_CPU_HZ;
 const OFFLINE_TIMEOUT: Cycles = 3 * F_CPU_HZ;
 /// Priority of the allocator's messages: libuavcan's OneHigherThanLowest.
 const ALLOCATION_PRIORITY: u8 = 30;
+
+/// Priority of ArduPilot's GetSet requests: libcanard's medium.
+const PARAMETER_PRIORITY: u8 = 16;
 
 /// Values of ArmingStatus.
 const FULLY_ARMED: u8 = 255;
@@ -151,6 +154,9 @@ pub struct Settings {
     pub sweep_period: Cycles,
     /// Angle of full deflection for position commands, in radians.
     pub position_full_rad: f64,
+    /// Parameter that the autopilot reads from each new node by its name, as ArduPilot does for its
+    /// scripts and drivers (AP_DroneCAN::get_parameter_on_node).
+    pub parameter: Option<String>,
     /// True if the autopilot allocates node IDs. The draft has no allocation.
     pub allocates: bool,
     /// Restricts the periodic messages. Answers and requests are not restricted.
@@ -174,6 +180,7 @@ impl Settings {
             command_type: profile.command_types(dialect)[0],
             sweep_period: 4 * F_CPU_HZ,
             position_full_rad: FRAC_PI_2 / 2.0,
+            parameter: None,
             allocates: false,
             only: None,
         }

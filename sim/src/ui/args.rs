@@ -140,6 +140,11 @@ pub struct Args {
     #[arg(long, value_name = "HZ", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=400), allow_hyphen_values = true)]
     pub motor_rate: u32,
 
+    /// Read this parameter of each new node by its name, and print it, as ArduPilot does for its
+    /// scripts; for ardupilot and ardupilot-pwm
+    #[arg(long, value_name = "NAME")]
+    pub get_parameter: Option<String>,
+
     /// Unit of the commands, for --autopilot plain; in the draft only unitless and thesis
     /// [default: unitless]
     #[arg(long, value_name = "TYPE", value_enum)]
@@ -301,7 +306,13 @@ impl Args {
             self.autopilot,
             usual.servos
         );
+        ensure!(
+            self.get_parameter.is_none() || self.autopilot.reads_parameters(),
+            "--get-parameter: {} reads none, use --autopilot ardupilot",
+            self.autopilot
+        );
         Ok(Some(Settings {
+            parameter: self.get_parameter.clone(),
             servos: self.servos.unwrap_or(usual.servos),
             motor_rate_hz: self.motor_rate,
             omits_disarmed: self.omit_disarmed,
@@ -557,6 +568,7 @@ mod tests {
             ("sim --motors 4", "--autopilot ardupilot or px4"),
             ("sim --servos 4", "--autopilot ardupilot or px4"),
             ("sim --omit-disarmed", "--autopilot ardupilot or px4"),
+            ("sim --autopilot px4 --get-parameter OUT1_MAX", "use --autopilot ardupilot"),
             ("sim --autopilot px4 --servos 9", "PX4 commands at most 8"),
             ("sim --autopilot px4 --motors 13", "PX4 commands at most 12"),
             ("sim --autopilot px4 --command-type pwm", "--autopilot plain"),

@@ -78,6 +78,7 @@ mod tests {
     use super::super::{Only, Profile, Settings};
     use super::*;
     use crate::F_CPU_HZ;
+    use crate::can::Id;
     use crate::dronecan::Dialect;
 
     fn in_draft(profile: Profile, only: Option<Only>) -> Autopilot {
@@ -116,5 +117,56 @@ mod tests {
             assert_eq!(&frame[..8], format!("17C4040{:X}", 8 + autopilot.commands_sent() - 1));
             assert_eq!(&frame[9..], expected);
         }
+    }
+
+    #[test]
+    fn the_autopilot_answers_get_node_info_in_its_dialect_and_ignores_the_other() {
+        for (profile, request) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
+            for dialect in [Dialect::V0, Dialect::Draft] {
+                let mut autopilot =
+                    Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);
+                autopilot.set_silent(false);
+                autopilot.receive(F_CPU_HZ, &request.parse().unwrap());
+                let asked_in = if request.starts_with("1E") { Dialect::V0 } else { Dialect::Draft };
+                assert_eq!(
+                    autopilot.answers.len(),
+                    usize::from(dialect == asked_in),
+                    "{request} {dialect}"
+                );
+            }
+        }
+        let mut autopilot = in_draft(Profile::Plain, None);
+        autopilot.receive(F_CPU_HZ, &"113BFC0D#01".parse().unwrap());
+        let (at, frames) = autopilot.answers.pop_front().unwrap();
+        assert_eq!(at, F_CPU_HZ + ANSWER_DELAY);
+        // To 127, from 1, with the transfer ID of the request; the uptime is one second.
+        assert_eq!(frames[0].id, Id::Extended(0x1138_0405));
+        assert_eq!(frames[0].data()[..1], [0x7F]);
+        assert_eq!(frames[0].data()[3..8], [1, 0, 0, 0, 0]);
+        let text: Vec<u8> = frames.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
+        assert!(text.ends_with(b"org.example.autopilot"), "{frames:?}");
+    }
+
+    #[test]
+    fn settings_keep_what_the_other_dialect_has() {
+        let settings = Settings { actuator: 3, ..Settings::of(Profile::ArdupilotPwm) }
+            .in_dialect(Dialect::Draft);
+        assert_eq!(
+            (settings.profile, settings.command_type),
+            (Profile::Plain, CommandType::Unitless)
+        );
+        assert_eq!((settings.actuator, settings.node_id.get()), (3, 10));
+        let settings =
+            Settings::of(Profile::Thesis).in_dialect(Dialect::Draft).in_dialect(Dialect::V0);
+        assert_eq!(
+            (settings.profile, settings.command_type),
+            (Profile::Thesis, CommandType::Thesis)
+        );
+        let mut autopilot = in_draft(Profile::Plain, None);
+        let types = [(); 3].map(|()| {
+            autopilot.next_command_type();
+            autopilot.settings().command_type
+        });
+        assert_eq!(types, [CommandType::Thesis, CommandType::Unitless, CommandType::Thesis]);
     }
 }

@@ -183,6 +183,11 @@ impl Profile {
         (self == Profile::Px4).then_some((F_CPU_HZ, 1))
     }
 
+    /// True if the profile reads parameters of nodes by name.
+    pub fn reads_parameters(self) -> bool {
+        self.is_ardupilot()
+    }
+
     fn is_ardupilot(self) -> bool {
         matches!(self, Profile::Ardupilot | Profile::ArdupilotPwm)
     }

@@ -1,10 +1,12 @@
 //! What the autopilot receives, and its answers.
 
-use super::{ALLOCATION_PRIORITY, ANSWER_DELAY, Autopilot, OFFLINE_TIMEOUT, frames};
+use super::{
+    ALLOCATION_PRIORITY, ANSWER_DELAY, Autopilot, OFFLINE_TIMEOUT, PARAMETER_PRIORITY, frames,
+};
 use crate::can::{Frame, Id};
 use crate::dronecan::{
     Allocation, CanId, Decoded, Dialect, Message, NodeId, NodeInfo, NodeStatus, Observation,
-    Transfer, text::hex,
+    ParameterRequest, Transfer, text::hex, types,
 };
 use crate::{Cycles, F_CPU_HZ};
 
@@ -42,7 +44,13 @@ impl Autopilot {
                 node.ask_at = None;
                 if !std::mem::replace(&mut node.is_reported, true) {
                     self.events.push((at, format!("{source} is {info}")));
+                    self.read_parameter(at, source);
                 }
+            }
+            (Message::ParameterResponse(parameter), CanId::Service { source, destination, .. })
+                if self.is_own_id(destination) =>
+            {
+                self.events.push((at, format!("{source} has {parameter}")));
             }
             (
                 Message::NodeInfoRequest,
@@ -83,6 +91,18 @@ impl Autopilot {
             node.is_reported = false;
         }
         (node.last_status_at, node.uptime_s) = (at, uptime_s);
+    }
+
+    /// Requests the parameter of the settings from a node.
+    fn read_parameter(&mut self, at: Cycles, destination: NodeId) {
+        let Some(name) = self.settings.parameter.clone() else { return };
+        let source = self.settings.node_id;
+        let (priority, service_id) = (PARAMETER_PRIORITY, types::GET_SET.id as u8);
+        let id = CanId::Service { priority, service_id, request: true, destination, source };
+        let request = ParameterRequest { name: name.into_bytes(), ..ParameterRequest::default() };
+        let transfer_id = self.next_transfer(id);
+        let frames = frames(id, transfer_id, &Message::ParameterRequest(request));
+        self.answers.push_back((at + ANSWER_DELAY, frames));
     }
 
     fn allocate(&mut self, at: Cycles, request: &Allocation) {

@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::can::Id;
-use crate::dronecan::{Allocation, Assembler, CommandUnit, NodeInfo, NodeStatus, Outcome};
+use crate::dronecan::{
+    Allocation, Assembler, CommandUnit, NodeInfo, NodeStatus, Outcome, ParameterResponse, Value,
+};
 
 fn autopilot(command_type: CommandType) -> Autopilot {
     let settings = Settings { command_type, ..Settings::default() };
@@ -309,6 +311,27 @@ fn a_new_node_gets_get_node_info_requests_until_it_responds() {
     assert_eq!(times_of(&mut autopilot, REQUEST, 5 * F_CPU_HZ + F_CPU_HZ / 2), [5000, 5002]);
 }
 
+/// ArduPilot reads a parameter by its name and not by its index.
+#[test]
+fn a_parameter_of_each_new_node_is_read_by_name_and_reported() {
+    let settings =
+        Settings { parameter: Some("OUT1_MAX".into()), ..Settings::of(Profile::Ardupilot) };
+    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    let info = Message::NodeInfo(Box::default());
+    receive(&mut autopilot, F_CPU_HZ, 0x1001_0AF8, &info);
+    receive(&mut autopilot, 2 * F_CPU_HZ, 0x1001_0AF8, &info);
+    let requests: Vec<_> = sent(&mut autopilot, 3 * F_CPU_HZ)
+        .into_iter()
+        .filter(|(_, message)| matches!(message, Message::ParameterRequest(_)))
+        .map(|(at, message)| (at * 1000 / F_CPU_HZ, message.to_string()))
+        .collect();
+    assert_eq!(requests, [(1002, String::from("param.GetSet request OUT1_MAX"))]);
+    let value = Value::Integer(2000);
+    let response = ParameterResponse { value, name: b"OUT1_MAX".into(), ..Default::default() };
+    receive(&mut autopilot, 4 * F_CPU_HZ, 0x100B_0AF8, &Message::ParameterResponse(response));
+    assert_eq!(autopilot.take_events().last().unwrap().1, "120 has OUT1_MAX = 2000");
+}
+
 #[test]
 fn a_node_that_is_offline_gets_no_more_requests() {
     let mut autopilot = like(Profile::Px4);
@@ -366,11 +389,6 @@ fn the_next_command_type_is_one_of_the_profile() {
     assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
 }
 
-fn in_draft(profile: Profile, only: Option<Only>) -> Autopilot {
-    let settings = Settings { only, ..Settings::of(profile).in_dialect(Dialect::Draft) };
-    Autopilot::new(settings, 1_000_000)
-}
-
 #[test]
 fn the_autopilot_can_send_only_its_status_or_only_commands_in_either_dialect() {
     let sent = |settings: Settings| {
@@ -394,34 +412,6 @@ fn the_autopilot_can_send_only_its_status_or_only_commands_in_either_dialect() {
 }
 
 #[test]
-fn the_autopilot_answers_get_node_info_in_its_dialect_and_ignores_the_other() {
-    for (profile, request) in [(Profile::Px4, "1E0181FF#C7"), (Profile::Plain, "113BFC08#01")] {
-        for dialect in [Dialect::V0, Dialect::Draft] {
-            let mut autopilot =
-                Autopilot::new(Settings::of(profile).in_dialect(dialect), 1_000_000);
-            autopilot.set_silent(false);
-            autopilot.receive(F_CPU_HZ, &request.parse().unwrap());
-            let asked_in = if request.starts_with("1E") { Dialect::V0 } else { Dialect::Draft };
-            assert_eq!(
-                autopilot.answers.len(),
-                usize::from(dialect == asked_in),
-                "{request} {dialect}"
-            );
-        }
-    }
-    let mut autopilot = in_draft(Profile::Plain, None);
-    autopilot.receive(F_CPU_HZ, &"113BFC0D#01".parse().unwrap());
-    let (at, frames) = autopilot.answers.pop_front().unwrap();
-    assert_eq!(at, F_CPU_HZ + ANSWER_DELAY);
-    // To 127, from 1, with the transfer ID of the request; the uptime is one second.
-    assert_eq!(frames[0].id, Id::Extended(0x1138_0405));
-    assert_eq!(frames[0].data()[..1], [0x7F]);
-    assert_eq!(frames[0].data()[3..8], [1, 0, 0, 0, 0]);
-    let text: Vec<u8> = frames.iter().flat_map(|frame| frame.data()[1..].to_vec()).collect();
-    assert!(text.ends_with(b"org.example.autopilot"), "{frames:?}");
-}
-
-#[test]
 fn an_autopilot_that_starts_later_has_uptime_0_and_sends_nothing_before() {
     let mut autopilot = Autopilot::powered(Settings::default(), 1_000_000, 10 * F_CPU_HZ);
     let messages = sent(&mut autopilot, 12 * F_CPU_HZ);
@@ -429,20 +419,4 @@ fn an_autopilot_that_starts_later_has_uptime_0_and_sends_nothing_before() {
     assert!(messages.iter().all(|(at, _)| *at >= 10 * F_CPU_HZ));
     assert_eq!(messages[0].1, status(0));
     assert_eq!(messages[51].1, status(1));
-}
-
-#[test]
-fn settings_keep_what_the_other_dialect_has() {
-    let settings =
-        Settings { actuator: 3, ..Settings::of(Profile::ArdupilotPwm) }.in_dialect(Dialect::Draft);
-    assert_eq!((settings.profile, settings.command_type), (Profile::Plain, CommandType::Unitless));
-    assert_eq!((settings.actuator, settings.node_id.get()), (3, 10));
-    let settings = Settings::of(Profile::Thesis).in_dialect(Dialect::Draft).in_dialect(Dialect::V0);
-    assert_eq!((settings.profile, settings.command_type), (Profile::Thesis, CommandType::Thesis));
-    let mut autopilot = in_draft(Profile::Plain, None);
-    let types = [(); 3].map(|()| {
-        autopilot.next_command_type();
-        autopilot.settings().command_type
-    });
-    assert_eq!(types, [CommandType::Thesis, CommandType::Unitless, CommandType::Thesis]);
 }
