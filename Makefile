@@ -65,7 +65,7 @@ help:
 	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
 	@echo "make drawings   write docs/img/frame.svg and memory.svg; make lint checks that they are up to date"
 	@echo "make bench      measure the firmware in cycles of the AVR, and write docs/benchmarks.md (six minutes and then make losses)"
-	@echo "make losses     count the frames that are lost on a full bus, ten simulated minutes of each kind: hours  (BOARD=uno; MINUTES=0.1)"
+	@echo "make losses     count the frames that are lost on a full bus, ten simulated minutes of each kind: hours  (BOARD=uno; MINUTES=0.1; WHY=1; ONLY=position)"
 	@echo "make lint       formatting and clippy, for both targets, warnings as errors"
 	@echo "make deny       check licences and origins of all dependencies, and that only the simulator links simavr"
 	@echo "make clean      remove what was built"
@@ -301,7 +301,7 @@ bench: firmware third-party
 losses:
 	@scripts/firmware default remote thesis
 	@scripts/firmware $(UNO) full
-	$(ON_BOARD) MINUTES='$(MINUTES)' cargo bench --bench loss
+	$(ON_BOARD) MINUTES='$(MINUTES)' WHY='$(WHY)' ONLY='$(ONLY)' cargo bench --bench loss
 
 # Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants

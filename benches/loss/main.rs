@@ -3,7 +3,9 @@
 //! docs/benchmarks.md with the sentence that README.md and docs/decisions.md quote.
 //!
 //! `NODE_BOARD` chooses the programs: those of the Diecimila (ATmega168) or of the Uno
-//! (ATmega328P). `MINUTES` is another duration, such as 0.1; the page is then not written.
+//! (ATmega328P). `MINUTES` is another duration, such as 0.1; the page is then not written. With
+//! `WHY=1` it also prints the turns of the main loop in which the queue of received frames became
+//! full, with their cycles. `ONLY` selects the floods whose row contains this text.
 
 mod page;
 
@@ -40,16 +42,27 @@ fn main() {
     };
     let chip = rig::board().chip;
     let setups = Setup::ALL.into_iter().filter(|setup| setup.chip() == chip);
-    let floods: Vec<Scenario> = setups.flat_map(floods).collect();
+    let is_set = |name: &str| std::env::var(name).is_ok_and(|text| !text.is_empty());
+    let only = std::env::var("ONLY").unwrap_or_default();
+    let floods: Vec<Scenario> = setups
+        .flat_map(floods)
+        .map(|flood| Scenario { explains: is_set("WHY"), ..flood })
+        .filter(|flood| page::name(*flood).contains(&only))
+        .collect();
     let begun = Instant::now();
     let rows = parallel::each(&floods, |&scenario| {
-        let row = Row::of(scenario, &run(scenario, (minutes * 60_000.0) as u64));
-        eprintln!("{:5.0} s  {row}", begun.elapsed().as_secs_f64());
+        let outcome = run(scenario, (minutes * 60_000.0) as u64);
+        let row = Row::of(scenario, &outcome);
+        let mut text = format!("{:5.0} s  {row}\n", begun.elapsed().as_secs_f64());
+        for turns in &outcome.fills {
+            text += &format!("  the queue became full after these turns, cycles:\n{turns}\n");
+        }
+        eprint!("{text}");
         row
     });
     let part = page::part(&rows, chip, minutes);
     print!("{part}");
-    if minutes == MINUTES {
+    if minutes == MINUTES && only.is_empty() {
         page::write(&part, chip);
     }
 }

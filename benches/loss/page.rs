@@ -97,6 +97,11 @@ fn flood(scenario: Scenario) -> String {
     name
 }
 
+/// The program and the flood as in the row.
+pub fn name(scenario: Scenario) -> String {
+    format!("{} | {}", scenario.setup, flood(scenario))
+}
+
 /// The heading of a chip's part of the page.
 fn heading(chip: Chip) -> String {
     format!("## Frames lost on a full bus: {chip}")

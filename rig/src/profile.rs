@@ -3,7 +3,8 @@
 //! instruction; names come from the ELF's debugging information.
 
 use std::cell::RefCell;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, VecDeque};
+use std::path::Path;
 use std::rc::Rc;
 
 use addr2line::Loader;
@@ -12,6 +13,8 @@ use bench::avr::{Avr, Moment};
 
 /// Opcode of WDR, which resets the watchdog once a turn.
 const WDR: u16 = 0x95A8;
+/// Turns of which [`Profile::recent`] tells.
+const RECENT: usize = 12;
 /// End of the interrupt vectors, a byte address.
 const VECTORS_END: u32 = 0x68;
 
@@ -46,6 +49,8 @@ struct State {
     before: Option<(u32, u16)>,
     turn: Vec<Step>,
     turns: u64,
+    /// The last turns, oldest first.
+    recent: VecDeque<Vec<Step>>,
     worst: Vec<Step>,
     worst_cycles: Cycles,
     sum: Cycles,
@@ -101,11 +106,15 @@ impl State {
             let cycles = at - first.at;
             self.turns += 1;
             self.sum += cycles;
+            self.turn.push(Step { at, in_main: 0, called: None, pc: 0 });
             if cycles > self.worst_cycles {
                 self.worst_cycles = cycles;
-                self.turn.push(Step { at, in_main: 0, called: None, pc: 0 });
-                std::mem::swap(&mut self.worst, &mut self.turn);
+                self.worst.clone_from(&self.turn);
             }
+            if self.recent.len() == RECENT {
+                self.recent.pop_front();
+            }
+            self.recent.push_back(std::mem::take(&mut self.turn));
         }
         self.turn.clear();
     }
@@ -145,6 +154,12 @@ impl Profile {
         self.shares(|step| names.task(step))
     }
 
+    /// The last turns, oldest first: each with what the main function calls, longest share first.
+    pub fn recent(&self, names: &Names) -> Vec<Vec<Share>> {
+        let state = self.state.borrow();
+        state.recent.iter().map(|turn| shares(turn, |step| names.task(step))).collect()
+    }
+
     /// The longest turn, in the order of execution.
     pub fn course(&self, names: &Names) -> Vec<Share> {
         let state = self.state.borrow();
@@ -165,15 +180,7 @@ impl Profile {
     }
 
     fn shares(&self, name: impl Fn(&Step) -> String) -> Vec<Share> {
-        let state = self.state.borrow();
-        let mut shares: BTreeMap<String, Cycles> = BTreeMap::new();
-        for pair in state.worst.windows(2) {
-            *shares.entry(name(&pair[0])).or_default() += pair[1].at - pair[0].at;
-        }
-        let mut shares: Vec<Share> =
-            shares.into_iter().map(|(name, cycles)| Share { name, cycles }).collect();
-        shares.sort_by_key(|share| std::cmp::Reverse(share.cycles));
-        shares
+        shares(&self.state.borrow().worst, name)
     }
 
     /// The lowest stack pointer, and the calls that led to it, outermost first.
@@ -181,6 +188,18 @@ impl Profile {
         let state = self.state.borrow();
         (state.deepest_sp, state.deepest.clone())
     }
+}
+
+/// The cycles of a turn by name, longest share first.
+fn shares(turn: &[Step], name: impl Fn(&Step) -> String) -> Vec<Share> {
+    let mut shares: BTreeMap<String, Cycles> = BTreeMap::new();
+    for pair in turn.windows(2) {
+        *shares.entry(name(&pair[0])).or_default() += pair[1].at - pair[0].at;
+    }
+    let mut shares: Vec<Share> =
+        shares.into_iter().map(|(name, cycles)| Share { name, cycles }).collect();
+    shares.sort_by_key(|share| std::cmp::Reverse(share.cycles));
+    shares
 }
 
 /// Names of functions by address.
@@ -192,7 +211,12 @@ pub struct Names {
 impl Names {
     /// The names in the node's ELF.
     pub fn of_node() -> Names {
-        let loader = Loader::new(super::elf())
+        Names::of(&super::elf())
+    }
+
+    /// The names in this ELF.
+    pub fn of(elf: &Path) -> Names {
+        let loader = Loader::new(elf)
             .unwrap_or_else(|error| panic!("debugging information of the ELF: {error}"));
         Names { loader, known: RefCell::default() }
     }

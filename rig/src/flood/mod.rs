@@ -8,6 +8,7 @@
 //! [`load`](super::load) has the other loads: frames that the node reads and rejects, requests, and
 //! values that it can compute in advance.
 
+pub mod fill;
 pub mod follow;
 pub mod queue;
 pub mod setup;
@@ -21,6 +22,7 @@ use std::rc::Rc;
 use bench::can::{Id, OnWire, SoftNode};
 use bench::{Cycles, F_CPU_HZ, Noise};
 
+pub use fill::Fills;
 pub use follow::{Pulses, Register};
 pub use queue::Queue;
 pub use setup::{Preset, Setup};
@@ -49,6 +51,8 @@ pub struct Scenario {
     pub percent: u64,
     /// Also measures the service of each frame, which takes half as long again.
     pub measures_service: bool,
+    /// Also finds the turns in which the queue becomes full, which takes several times as long.
+    pub explains: bool,
     pub seed: u64,
 }
 
@@ -62,6 +66,7 @@ impl Scenario {
             priority: 31,
             percent: 100,
             measures_service: false,
+            explains: false,
             seed: 1,
         }
     }
@@ -81,6 +86,8 @@ pub struct Outcome {
     /// Most frames in the firmware's queue, and its number of places.
     pub deepest: u8,
     pub places: u8,
+    /// The turns in which the queue became full, if the scenario asks for them.
+    pub fills: Vec<String>,
     /// Number of frames and of NodeStatus that the node sent.
     pub own_frames: u64,
     pub own_statuses: u64,
@@ -125,6 +132,7 @@ pub struct Flood {
     gaps: Noise,
     client: BusyClient,
     queue: Queue,
+    fills: Option<Fills>,
     register: u16,
     period: Option<u64>,
     ms: u64,
@@ -165,6 +173,7 @@ impl Flood {
             gaps: Noise::new(seed),
             client: BusyClient::new(client, rig.now()),
             queue,
+            fills: scenario.explains.then(|| Fills::begin(setup, rig.board())),
             register: compare_register(rig.board()),
             period: None,
             ms: 0,
@@ -191,6 +200,7 @@ impl Flood {
             self.millisecond();
         }
         self.outcome.answers = self.client.answers;
+        self.outcome.fills = self.fills.take().map_or(Vec::new(), |fills| fills.found);
         self.outcome
     }
 
@@ -260,11 +270,15 @@ impl Flood {
     /// Runs for a millisecond. Returns the writes to the compare register.
     fn run_and_watch(&mut self) -> Vec<(Cycles, u16)> {
         let mut writes = Vec::new();
-        let Flood { rig, register, queue, outcome, .. } = self;
+        let Flood { rig, register, queue, fills, outcome, .. } = self;
         let end = rig.now() + MS;
         while rig.now() < end {
             let look = |bench: &mut bench::Bench| {
-                outcome.deepest = outcome.deepest.max(queue.depth(bench.board(0).avr()));
+                let depth = queue.depth(bench.board(0).avr());
+                outcome.deepest = outcome.deepest.max(depth);
+                if let Some(fills) = fills {
+                    fills.look(depth == queue.places);
+                }
                 let now = compare_register(bench.board(0));
                 if std::mem::replace(register, now) != now {
                     writes.push((bench.now(), now));
