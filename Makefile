@@ -179,11 +179,12 @@ PUBLISHED := can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan
 test-packages:
 	cargo package --quiet --locked --offline --allow-dirty $(addprefix -p ,$(PUBLISHED))
 
-# A call for each: cargo unites features over the packages and targets of a call. "bridge" and "rig" are only named so that the crates below the
-# simulator have the same features in all calls: cargo builds the simulator once, and not twice.
+# A call for each: cargo unites features over the packages and targets of a call. The unit tests need
+# no simulator, so they build in seconds. Below, "bridge" and "rig" are only named so that the crates
+# below the simulator have the same features in all calls: cargo builds the simulator once.
 test-library:
 	@set -e; for features in $(PRESETS); do \
-		options="-p servo-node -p bridge --lib $$(scripts/firmware --cargo $$features)"; \
+		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; \
 		echo "cargo test $$options"; $(ON_BOARD) cargo test $$options; \
 	done
 
@@ -194,12 +195,12 @@ test-host:
 # They run the program that is in target/firmware, so it must be of these sources.
 TEST_FILES := $(patsubst tests/%.rs,%,$(wildcard tests/*.rs))
 test-firmware: firmware
-	$(ON_BOARD) cargo test -p servo-node -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
+	$(ON_BOARD) cargo test -p tests -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
 
 # The same tests for the boards with an ATmega328P.
 test-uno:
-	NODE_BOARD=uno NODE_SHIELD=seeed cargo test -p servo-node -p bridge $(addprefix --test ,$(ON_UNO)) $(LONG_TESTS)
-	NODE_BOARD=uno NODE_SHIELD=module cargo test -p servo-node -p bridge $(addprefix --test ,$(ON_UNO_MODULE)) $(LONG_TESTS)
+	NODE_BOARD=uno NODE_SHIELD=seeed cargo test -p tests -p bridge $(addprefix --test ,$(ON_UNO)) $(LONG_TESTS)
+	NODE_BOARD=uno NODE_SHIELD=module cargo test -p tests -p bridge $(addprefix --test ,$(ON_UNO_MODULE)) $(LONG_TESTS)
 
 # They mostly wait for real time. Their node is on the default board.
 CLIENTS := not long
@@ -214,9 +215,9 @@ test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=none
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
 	@# The tests that take long, on the default board, and all on the boards with the other chip.
-	cargo test -p servo-node -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
+	cargo test -p tests -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
 	@# The preset without a serial monitor, which most tests read.
-	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p servo-node -p bridge --test load
+	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p tests -p bridge --test load
 	@# Except the tests of the thesis, whose node was an ATmega168.
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
 	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
@@ -234,7 +235,7 @@ test-boards:
 	@scripts/boot --every-board
 
 fuzz: firmware
-	FUZZ_FRAMES=1000000 cargo test -p servo-node --test fuzz -- --nocapture
+	FUZZ_FRAMES=1000000 cargo test -p tests --test fuzz -- --nocapture
 
 # New inputs stay in the target directory; fuzz/corpus is only read. See docs/fuzzing.md.
 FUZZED := node eeprom host sim bridge

@@ -8,6 +8,6 @@ fn main() {
     }
     let page = rig::faults::page::page(|case| case.check());
     println!("\n{page}");
-    std::fs::write(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/reliability.md"), page)
+    std::fs::write(bench::root().join("docs/reliability.md"), page)
         .expect("docs/reliability.md can be written");
 }

@@ -1,7 +1,6 @@
 //! The rows that are printed, and the part of docs/benchmarks.md.
 
 use std::fmt::{self, Write as _};
-use std::path::Path;
 
 use bench::avr::Chip;
 use rig::flood::{Outcome, Scenario, Traffic, Unit};
@@ -147,7 +146,7 @@ pub fn part(rows: &[Row], chip: Chip, minutes: f64) -> String {
 
 /// Replaces the chip's part of docs/benchmarks.md, or appends it.
 pub fn write(part: &str, chip: Chip) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/benchmarks.md");
+    let path = bench::root().join("docs/benchmarks.md");
     let page = std::fs::read_to_string(&path)
         .unwrap_or_else(|error| panic!("{} cannot be read: {error}", path.display()));
     let page = replace_part(&page, &heading(chip), part);

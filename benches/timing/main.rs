@@ -9,7 +9,6 @@ mod plot;
 mod third_party;
 
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use bench::Cycles;
@@ -471,19 +470,16 @@ fn write(file: &str, text: &str) {
     if std::env::var_os("NODE_ELF").is_some_and(|path| !path.is_empty()) {
         return;
     }
-    let path = in_project(file);
+    let path = bench::root().join(file);
     std::fs::write(&path, text)
         .unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
 }
 
 /// The parts of docs/benchmarks.md that the bench `loss` writes.
 fn losses() -> String {
-    let page = std::fs::read_to_string(in_project("docs/benchmarks.md")).unwrap_or_default();
+    let page =
+        std::fs::read_to_string(bench::root().join("docs/benchmarks.md")).unwrap_or_default();
     page.find("\n## Frames lost").map_or(String::new(), |at| page[at..].to_owned())
-}
-
-fn in_project(file: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join(file)
 }
 
 fn main() {
