@@ -1,8 +1,16 @@
 //! Keys of the live view and what they do.
 
-use super::screen::Popup;
 use crate::fault::{Fault, MENU};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
+
+/// A list that is drawn over the rest of the screen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Popup {
+    Faults,
+    /// The types of traffic, to hide and show.
+    Types,
+    Help,
+}
 
 /// The action of a key.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

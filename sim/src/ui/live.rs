@@ -7,7 +7,9 @@ use super::keys;
 use super::pace::Measured;
 use super::popups;
 use super::screen::Screen;
-use super::state::{AutopilotState, Origin, State, TrafficLine, error_state_name};
+use super::state::{AutopilotState, State, error_state_name};
+use super::styles::{BAD, DIM, GOOD, NODE, WARN};
+use super::traffic::{Origin, TrafficLine};
 use super::vendor_code;
 use crate::fault::Fault;
 use crate::time::{micros, seconds};
@@ -18,7 +20,7 @@ use bench::thousands;
 use bench::wiring::Wiring;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
-use ratatui::style::{Color, Modifier, Style, Stylize};
+use ratatui::style::{Color, Style, Stylize};
 use ratatui::symbols::Marker;
 use ratatui::text::{Line, Span};
 use ratatui::widgets::canvas::{Canvas, Circle, Context, Line as Stroke, Points};
@@ -49,12 +51,6 @@ const SERVO_MIN_US: f64 = 500.0;
 const SERVO_MAX_US: f64 = 2500.0;
 /// Angle of a standard servo for a pulse: 180 degrees over the range above.
 const DEGREES_PER_US: f64 = 180.0 / (SERVO_MAX_US - SERVO_MIN_US);
-
-const GOOD: Style = Style::new().fg(Color::Green);
-pub(super) const WARN: Style = Style::new().fg(Color::Yellow);
-pub(super) const BAD: Style = Style::new().fg(Color::Red).add_modifier(Modifier::BOLD);
-pub(super) const DIM: Style = Style::new().fg(Color::DarkGray);
-const NODE: Style = Style::new().fg(Color::Cyan);
 
 /// Draws the live view. Returns the number of lines of traffic on it, which is a page for
 /// scrolling.

@@ -1,7 +1,7 @@
 //! Tests of the live view, drawn into memory at the smallest size and at a large one.
 
 use super::*;
-use crate::ui::screen::Popup;
+use crate::ui::keys::Popup;
 use crate::ui::state::{AutopilotState, Event, Memory};
 use bench::avr::Chip;
 use bench::can::{self, Record, RecordKind};

@@ -21,6 +21,7 @@ pub mod run;
 pub mod scene;
 pub mod screen;
 pub mod state;
+mod styles;
 pub mod traffic;
 pub mod vendor_code;
 pub mod wires;

@@ -8,7 +8,8 @@
 //! frames and lost frames above five a second.
 
 use super::pace::Measured;
-use super::state::{Event, State, TrafficLine};
+use super::state::{Event, State};
+use super::traffic::TrafficLine;
 use crate::time::{micros, seconds};
 use bench::budget::Budget;
 use bench::dronecan::text::visible;
@@ -292,7 +293,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::state::Memory;
-    use super::super::state::Origin;
+    use super::super::traffic::Origin;
     use super::*;
     use bench::avr::Chip;
     use bench::can::Frame;

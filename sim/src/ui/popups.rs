@@ -1,9 +1,9 @@
 //! Draws the lists over the live view: the faults, the types of traffic, the help.
 
-use super::keys;
-use super::live::{BAD, DIM, WARN};
-use super::screen::{Popup, Screen};
+use super::keys::{self, Popup};
+use super::screen::Screen;
 use super::state::State;
+use super::styles::{BAD, DIM, WARN};
 use crate::fault::{Fault, MENU};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};

@@ -1,18 +1,9 @@
 //! The state of the screen: the list that is open, the types of traffic that are hidden, and the
 //! scroll position.
 
-use super::keys::Action;
+use super::keys::{Action, Popup};
 use super::pace::Measured;
 use super::traffic::{Hidden, Traffic};
-
-/// A list that is drawn over the rest of the screen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Popup {
-    Faults,
-    /// The types of traffic, to hide and show.
-    Types,
-    Help,
-}
 
 /// The state of the screen, and how fast time goes.
 #[derive(Clone, Debug, Default)]
@@ -69,7 +60,7 @@ impl Screen {
 
 #[cfg(test)]
 mod tests {
-    use super::super::state::{Origin, TrafficLine};
+    use super::super::traffic::{Origin, TrafficLine};
     use super::*;
 
     fn traffic(names: &[&str]) -> Traffic {

@@ -6,7 +6,7 @@
 
 use super::history::Log;
 use super::mistakes::Mistakes;
-use super::traffic::Traffic;
+use super::traffic::{Origin, Traffic, TrafficLine};
 use super::vendor_code;
 use crate::fault::Fault;
 use bench::board::SpiUse;
@@ -37,32 +37,6 @@ const INTERMISSION_BITS: u32 = 3;
 const LOST_FRAMES_MAX: usize = 100;
 const RESETS_MAX: usize = 100;
 const HINTS_MAX: usize = 20;
-
-/// Source of a line of traffic. The live view gives each its colour.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Origin {
-    /// The node under test.
-    Node,
-    /// Any other station.
-    Other,
-    /// A valid CAN frame of another protocol than DroneCAN.
-    Foreign,
-    /// An invalid transfer of a known data type, or an error frame.
-    Broken,
-}
-
-/// One transfer, foreign frame or error frame on the bus.
-#[derive(Clone, Debug, PartialEq)]
-pub struct TrafficLine {
-    pub at: Cycles,
-    pub origin: Origin,
-    /// Sender as text: "1", "anon", "127>42", "-".
-    pub who: String,
-    /// Name of the message type. Lines of one name are counted together.
-    pub name: String,
-    /// Decoded content.
-    pub text: String,
-}
 
 /// An event that the plain view prints as a line.
 #[derive(Clone, Debug, PartialEq)]

@@ -5,7 +5,7 @@
 //! of time. A page that is scrolled back stays on its numbers while new lines come.
 
 use super::history::Log;
-use super::state::TrafficLine;
+use bench::Cycles;
 use std::collections::BTreeSet;
 
 /// Most types with a history of their own. Further types share one history; only foreign or broken
@@ -16,6 +16,32 @@ const FURTHER_TYPES: &str = "further types";
 
 /// Names of the types that are not shown.
 pub type Hidden = BTreeSet<String>;
+
+/// Source of a line of traffic. The live view gives each its colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Origin {
+    /// The node under test.
+    Node,
+    /// Any other station.
+    Other,
+    /// A valid CAN frame of another protocol than DroneCAN.
+    Foreign,
+    /// An invalid transfer of a known data type, or an error frame.
+    Broken,
+}
+
+/// One transfer, foreign frame or error frame on the bus.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TrafficLine {
+    pub at: Cycles,
+    pub origin: Origin,
+    /// Sender as text: "1", "anon", "127>42", "-".
+    pub who: String,
+    /// Name of the message type. Lines of one name are counted together.
+    pub name: String,
+    /// Decoded content.
+    pub text: String,
+}
 
 /// A line and its number.
 type Numbered = (u64, TrafficLine);
@@ -165,7 +191,6 @@ fn position(lines: &Log<Numbered>, number: u64) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::super::state::Origin;
     use super::*;
 
     fn line(name: &str, number: u64) -> TrafficLine {
