@@ -13,7 +13,7 @@ use crate::commands::Commands;
 use crate::early::Early;
 use crate::forward::Forward;
 use crate::ftp;
-use crate::message::{Content, In, Request};
+use crate::message::{Content, FTP_PAYLOAD_LEN, In, Request};
 use crate::node::Node;
 use crate::post::{Asker, PeerId, Post, To};
 use crate::presence::{CONFLICT_REPEATED_AFTER, NodeChange};
@@ -248,7 +248,7 @@ impl Bridge {
     }
 
     /// Rejects file requests to the bridge or to a node that is online.
-    fn ftp(&mut self, asker: Asker, component: u8, request: &[u8; ftp::PAYLOAD_LEN]) {
+    fn ftp(&mut self, asker: Asker, component: u8, request: &[u8; FTP_PAYLOAD_LEN]) {
         let own = self.state.settings.component;
         let is_node = NodeId::new(component).is_some_and(|id| self.state.nodes.contains_key(&id));
         let answering = match component {

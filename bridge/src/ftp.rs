@@ -8,11 +8,8 @@
 //!        seq    session  opcode  size  req_opcode      burst_complete  padding  offset  data
 //! ```
 
-use crate::message::Content;
+use crate::message::{Content, FTP_PAYLOAD_LEN};
 use mavlink::dialects::common::{FILE_TRANSFER_PROTOCOL_DATA, MavMessage};
-
-/// Length of FILE_TRANSFER_PROTOCOL.payload in bytes.
-pub const PAYLOAD_LEN: usize = 251;
 
 const OPCODE_AT: usize = 3;
 const SIZE_AT: usize = 4;
@@ -39,13 +36,13 @@ mod error {
 /// The answer to a request to this system and component; `None` if the message is not a request.
 pub fn answer(
     (target_system, target_component): (u8, u8),
-    request: &[u8; PAYLOAD_LEN],
+    request: &[u8; FTP_PAYLOAD_LEN],
 ) -> Option<Content> {
     let requested = request[OPCODE_AT];
     if requested >= opcode::ACK {
         return None;
     }
-    let mut payload = [0; PAYLOAD_LEN];
+    let mut payload = [0; FTP_PAYLOAD_LEN];
     let sequence = u16::from_le_bytes([request[0], request[1]]).wrapping_add(1);
     payload[..2].copy_from_slice(&sequence.to_le_bytes());
     payload[2] = request[2];

@@ -20,6 +20,7 @@ mod early;
 mod forward;
 mod ftp;
 mod identity;
+mod joined;
 pub mod message;
 mod names;
 mod node;

@@ -22,6 +22,9 @@ pub use writer::{Versions, Writer};
 #[cfg(test)]
 mod tests;
 
+/// Length of FILE_TRANSFER_PROTOCOL.payload in bytes.
+pub const FTP_PAYLOAD_LEN: usize = 251;
+
 /// Numbers of the commands (MAV_CMD) that the bridge executes.
 pub mod command {
     pub const PREFLIGHT_STORAGE: u16 = 245;
@@ -165,7 +168,7 @@ pub enum Request {
     Frame(CAN_FRAME_DATA),
     Filter(CAN_FILTER_MODIFY_DATA),
     /// FILE_TRANSFER_PROTOCOL: its payload.
-    Ftp(Box<[u8; crate::ftp::PAYLOAD_LEN]>),
+    Ftp(Box<[u8; FTP_PAYLOAD_LEN]>),
     /// RADIO_STATUS, from a radio on the way: the free part of the buffer for what it has to send
     /// (`txbuf`).
     Radio {

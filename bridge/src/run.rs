@@ -1,10 +1,10 @@
-//! The loop that moves frames and messages between the bus, the bridge and the channels.
+//! Opens what the options name, and serves it until the program ends.
 
 use crate::args::Args;
 use crate::bus::Bus;
 use crate::channel::{Channel, Options, byte_rate};
 use crate::core::Bridge;
-use crate::post::PeerId;
+use crate::joined::Joined;
 use crate::pty::Pty;
 use crate::screen::Screen;
 use crate::signing::Signing;
@@ -12,7 +12,6 @@ use crate::state::{Rights, Settings};
 use anyhow::{Context, Error, Result, anyhow};
 use dronecan_host::NodeId;
 use dronecan_host::text::visible;
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use sha2::{Digest, Sha256};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use std::cell::RefCell;
@@ -20,8 +19,8 @@ use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::time::{Duration, Instant, SystemTime};
+use std::sync::atomic::AtomicBool;
+use std::time::{Duration, SystemTime};
 
 /// Why the program ends.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,8 +32,6 @@ pub enum Failure {
     Names,
 }
 
-/// Longest turn, so that a pressed key takes effect.
-const TURN_MAX: Duration = Duration::from_millis(100);
 /// A bus answers within this time after it was opened.
 const OPENS_WITHIN: Duration = Duration::from_secs(3);
 /// Time in which every node sends a NodeStatus.
@@ -53,22 +50,14 @@ pub fn run(args: &Args) -> Result<(), (Failure, Error)> {
         signal_hook::flag::register(signal, ended.clone()).map_err(|error| other(error.into()))?;
     }
     let (settings, options) = configure(args).map_err(|error| (Failure::Usage, error))?;
-    let mut line = Joined {
-        start: Instant::now(),
-        ended,
-        bus: Bus::new(args.bus.clone(), args.bitrate, args.mcast_interface),
-        channels: Vec::new(),
-        ptys: Vec::new(),
-        bridge: Bridge::new(settings),
-        signing: options.signing.clone(),
-        ids: 0,
-    };
-    line.open(args, &options)?;
+    let bus = Bus::new(args.bus.clone(), args.bitrate, args.mcast_interface);
+    let mut line = Joined::new(ended, bus, Bridge::new(settings), options.signing.clone());
+    open(&mut line, args, &options)?;
     let mut screen = Screen::open(args).map_err(|error| (Failure::Other, error))?;
     let result = if args.names {
-        line.print_names(args)
+        print_names(&mut line, args)
     } else {
-        line.serve(args, &mut screen).map_err(other)
+        serve(&mut line, args, &mut screen).map_err(other)
     };
     screen.close();
     line.bus.close();
@@ -158,198 +147,95 @@ fn signing_key(path: &Path) -> Result<[u8; 32]> {
     Ok(key)
 }
 
-/// Everything that is open.
-pub struct Joined {
-    start: Instant,
-    ended: Arc<AtomicBool>,
-    pub bus: Bus,
-    pub channels: Vec<Channel>,
-    /// The pseudo-terminals of the tunnels.
-    pub ptys: Vec<Pty>,
-    pub bridge: Bridge,
-    signing: Option<Rc<RefCell<Signing>>>,
-    ids: PeerId,
+/// Opens the tunnels, the channels and the bus. With `--wait` the bus may come later.
+fn open(line: &mut Joined, args: &Args, options: &Options) -> Result<(), (Failure, Error)> {
+    for spec in &args.tunnel {
+        let named = |error: Error| {
+            (Failure::Channel, error.context(format!("--tunnel {}", spec.path.display())))
+        };
+        line.ptys.push(Pty::open(&spec.path).map_err(named)?);
+        line.bridge.log_line(format!(
+            "{} is the serial port of node {}",
+            spec.path.display(),
+            spec.node
+        ));
+    }
+    for (number, spec) in args.mavlink.iter().enumerate() {
+        let now = line.now();
+        let channel =
+            Channel::open(spec.clone(), number, options.clone(), &mut line.ids, now, args.wait);
+        let named = |error: Error| (Failure::Channel, error.context(format!("--mavlink {spec}")));
+        line.channels.push(channel.map_err(named)?);
+    }
+    if args.wait {
+        return Ok(());
+    }
+    let named = |error: Error| (Failure::Bus, error.context(format!("--bus {}", args.bus)));
+    line.bus.open(line.now()).map_err(named)?;
+    while !line.bus.is_up() && !line.is_ended() {
+        line.turn(None);
+        if let Some(why) = line.bus.trouble() {
+            return Err(named(anyhow!("{why}")));
+        }
+        if line.now() > OPENS_WITHIN {
+            return Err(named(anyhow!("the bus does not answer")));
+        }
+    }
+    Ok(())
 }
 
-impl Joined {
-    /// Time since the start.
-    pub fn now(&self) -> Duration {
-        self.start.elapsed()
+/// Serves all until a signal, a key or `--for` ends it.
+fn serve(line: &mut Joined, args: &Args, screen: &mut Screen) -> Result<()> {
+    let end = args.run_for.map(|time| line.now() + time);
+    while !line.is_ended() && end.is_none_or(|end| line.now() < end) {
+        line.turn(end);
+        if screen.show(line)? {
+            break;
+        }
     }
+    screen.last(line);
+    Ok(())
+}
 
-    fn is_ended(&self) -> bool {
-        self.ended.load(Ordering::Relaxed)
+/// Prints the table of names.
+fn print_names(line: &mut Joined, args: &Args) -> Result<(), (Failure, Error)> {
+    let failed = |text: &str| (Failure::Names, anyhow!("{text}"));
+    let shown = line.now() + NODES_SHOW_WITHIN;
+    while line.now() < shown && !line.is_ended() {
+        line.turn(Some(shown));
     }
-
-    fn open(&mut self, args: &Args, options: &Options) -> Result<(), (Failure, Error)> {
-        for spec in &args.tunnel {
-            let named = |error: Error| {
-                (Failure::Channel, error.context(format!("--tunnel {}", spec.path.display())))
-            };
-            self.ptys.push(Pty::open(&spec.path).map_err(named)?);
-            self.bridge.log_line(format!(
-                "{} is the serial port of node {}",
-                spec.path.display(),
-                spec.node
-            ));
-        }
-        for (number, spec) in args.mavlink.iter().enumerate() {
-            let now = self.now();
-            let channel =
-                Channel::open(spec.clone(), number, options.clone(), &mut self.ids, now, args.wait);
-            let named =
-                |error: Error| (Failure::Channel, error.context(format!("--mavlink {spec}")));
-            self.channels.push(channel.map_err(named)?);
-        }
-        if args.wait {
-            return Ok(());
-        }
-        let named = |error: Error| (Failure::Bus, error.context(format!("--bus {}", args.bus)));
-        self.bus.open(self.now()).map_err(named)?;
-        while !self.bus.is_up() && !self.is_ended() {
-            self.turn(None);
-            if let Some(why) = self.bus.trouble() {
-                return Err(named(anyhow!("{why}")));
-            }
-            if self.now() > OPENS_WITHIN {
-                return Err(named(anyhow!("the bus does not answer")));
-            }
-        }
-        Ok(())
+    let now = line.now();
+    line.bridge.list_all();
+    let end = now + NAMES_WITHIN;
+    while line.bridge.is_listing() && line.now() < end && !line.is_ended() {
+        line.turn(Some(end));
     }
-
-    fn serve(&mut self, args: &Args, screen: &mut Screen) -> Result<()> {
-        let end = args.run_for.map(|time| self.now() + time);
-        while !self.is_ended() && end.is_none_or(|end| self.now() < end) {
-            self.turn(end);
-            if screen.show(self)? {
-                break;
-            }
-        }
-        screen.last(self);
-        Ok(())
+    let nodes = line.bridge.nodes();
+    if nodes.is_empty() {
+        return Err(failed("no node has sent a status"));
     }
-
-    /// Waits until there is something to do, and does it.
-    fn turn(&mut self, end: Option<Duration>) {
-        self.wait(end);
-        let now = self.now();
-        let was_up = self.bus.is_up();
-        let frames = self.bus.serve(now);
-        if self.bus.is_up() && !was_up {
-            self.bridge.bus_is_back();
+    println!("{:>4}  {:<16}  {:<6}  {:<20}  name", "node", "in MAVLink", "type", "value");
+    let mut all = true;
+    for (id, node) in nodes.iter().filter(|(id, _)| !args.hide.contains(&id.get())) {
+        let Some(table) = &node.table else {
+            eprintln!("bridge: node {id} does not send its parameters");
+            all = false;
+            continue;
+        };
+        for entry in &table.entries {
+            let kind =
+                crate::number::Number::of(&entry.last).map(|number| format!("{:?}", number.kind()));
+            let kind = kind.as_deref().and_then(|kind| kind.rsplit('_').next()).unwrap_or("-");
+            let value = entry.last.value.to_string();
+            let name = entry.last.name();
+            let row = format!("{id:>4}  {:<16}  {kind:<6}  {value:<20}  {name}", entry.short);
+            println!("{}", visible(&row));
         }
-        for frame in frames {
-            self.bridge.frame(now, &frame);
-            self.deliver(now);
-        }
-        for channel in &mut self.channels {
-            channel.serve(now, &mut self.bridge, &mut self.ids);
-        }
-        for (at, pty) in self.ptys.iter_mut().enumerate() {
-            if self.bus.is_up() && self.bridge.tunnels().has_room(at) {
-                let bytes = pty.read();
-                self.bridge.tunnels_mut().write(at, pty.baud_rate(), &bytes);
-            }
-        }
-        self.bridge.poll(now);
-        self.deliver(now);
-        for (at, bytes) in self.bridge.tunnels_mut().take_received() {
-            self.ptys[at].write(&bytes);
-        }
-        self.ptys.iter_mut().for_each(Pty::flush);
-        for channel in &mut self.channels {
-            channel.flush(now);
+        for parameter in table.left_out.iter().map(|entry| &entry.last) {
+            let (value, name) = (parameter.value.to_string(), parameter.name());
+            let row = format!("{id:>4}  {:<16}  {:<6}  {value:<20}  {name}", "-", "text");
+            println!("{}", visible(&row));
         }
     }
-
-    /// Sends the bridge's frames and messages.
-    fn deliver(&mut self, now: Duration) {
-        for frame in self.bridge.frames.drain(..) {
-            self.bus.send(now, frame);
-        }
-        for post in self.bridge.take_posts() {
-            self.channels.iter_mut().for_each(|channel| channel.post(now, &post));
-        }
-    }
-
-    fn wait(&self, end: Option<Duration>) {
-        let now = self.now();
-        let channels = self.channels.iter().filter_map(Channel::deadline);
-        let deadlines = channels
-            .chain(self.bus.deadline())
-            .chain(end)
-            .chain([self.bridge.deadline(), now + TURN_MAX]);
-        let until = deadlines.min().unwrap_or(now);
-        // Rounded up, because a poll that returns early finds nothing to do.
-        let wait = until.saturating_sub(now) + Duration::from_micros(50);
-        let fds = self.channels.iter().flat_map(Channel::poll_fds).chain(self.bus.poll_fd());
-        // Bytes that cannot be sent stay in the pseudo-terminal; the loop does not wait for them.
-        let takes = |at: usize| self.bus.is_up() && self.bridge.tunnels().has_room(at);
-        let ptys = self.ptys.iter().enumerate().filter(|(at, _)| takes(*at));
-        let fds = fds.chain(ptys.map(|(_, pty)| pty.poll_fd()));
-        let flags = |write| if write { PollFlags::IN | PollFlags::OUT } else { PollFlags::IN };
-        let mut fds: Vec<PollFd<'_>> =
-            fds.map(|(fd, write)| PollFd::from_borrowed_fd(fd, flags(write))).collect();
-        let timeout =
-            Timespec { tv_sec: wait.as_secs() as i64, tv_nsec: wait.subsec_nanos().into() };
-        // A signal ends the poll. Other errors show when reading.
-        let _ = poll(&mut fds, Some(&timeout));
-    }
-
-    /// Takes the log lines since the last call.
-    pub fn take_log(&mut self) -> Vec<String> {
-        let mut lines = std::mem::take(&mut self.bus.log);
-        for channel in &mut self.channels {
-            lines.append(&mut channel.log);
-        }
-        lines.append(&mut self.bridge.take_log());
-        if let Some(signing) = &self.signing {
-            lines.append(&mut signing.borrow_mut().take_log());
-        }
-        lines
-    }
-
-    /// Prints the table of names.
-    fn print_names(&mut self, args: &Args) -> Result<(), (Failure, Error)> {
-        let failed = |text: &str| (Failure::Names, anyhow!("{text}"));
-        let shown = self.now() + NODES_SHOW_WITHIN;
-        while self.now() < shown && !self.is_ended() {
-            self.turn(Some(shown));
-        }
-        let now = self.now();
-        self.bridge.list_all();
-        let end = now + NAMES_WITHIN;
-        while self.bridge.is_listing() && self.now() < end && !self.is_ended() {
-            self.turn(Some(end));
-        }
-        let nodes = self.bridge.nodes();
-        if nodes.is_empty() {
-            return Err(failed("no node has sent a status"));
-        }
-        println!("{:>4}  {:<16}  {:<6}  {:<20}  name", "node", "in MAVLink", "type", "value");
-        let mut all = true;
-        for (id, node) in nodes.iter().filter(|(id, _)| !args.hide.contains(&id.get())) {
-            let Some(table) = &node.table else {
-                eprintln!("bridge: node {id} does not send its parameters");
-                all = false;
-                continue;
-            };
-            for entry in &table.entries {
-                let kind = crate::number::Number::of(&entry.last)
-                    .map(|number| format!("{:?}", number.kind()));
-                let kind = kind.as_deref().and_then(|kind| kind.rsplit('_').next()).unwrap_or("-");
-                let value = entry.last.value.to_string();
-                let name = entry.last.name();
-                let line = format!("{id:>4}  {:<16}  {kind:<6}  {value:<20}  {name}", entry.short);
-                println!("{}", visible(&line));
-            }
-            for parameter in table.left_out.iter().map(|entry| &entry.last) {
-                let (value, name) = (parameter.value.to_string(), parameter.name());
-                let line = format!("{id:>4}  {:<16}  {:<6}  {value:<20}  {name}", "-", "text");
-                println!("{}", visible(&line));
-            }
-        }
-        if all { Ok(()) } else { Err(failed("not all nodes sent their parameters")) }
-    }
+    if all { Ok(()) } else { Err(failed("not all nodes sent their parameters")) }
 }

@@ -1,8 +1,8 @@
 //! The output: a live table of nodes in a terminal, otherwise lines.
 
 use crate::args::Args;
+use crate::joined::Joined;
 use crate::node::Node;
-use crate::run::Joined;
 use anyhow::Result;
 use dronecan_host::text::visible;
 use dronecan_host::{Health, NodeId};
