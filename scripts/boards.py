@@ -1,4 +1,6 @@
-"""The table of boards, avr-specs/boards.toml, and the choice of a board that the scripts get as options."""
+"""The table of boards, avr-specs/boards.toml, and the choice of a board that the scripts get as
+options.
+"""
 
 import dataclasses
 import pathlib
@@ -59,7 +61,9 @@ class Choice:
     @property
     def outputs(self):
         """The eight outputs of the feature outputs."""
-        free = [pin for pin in TABLE["pins"]["outputs"] if pin not in (self.cs, self.servo, *self.power)]
+        free = [
+            pin for pin in TABLE["pins"]["outputs"] if pin not in (self.cs, self.servo, *self.power)
+        ]
         return [self.servo, *free[:7]]
 
     @property
@@ -82,7 +86,11 @@ class Choice:
         entry = TABLE["shields"][self.shield]
         own = [
             text
-            for key, text in [("cs", f"cs{self.cs}"), ("int", f"int{self.int}"), ("crystal_mhz", f"{self.crystal_mhz}MHz")]
+            for key, text in [
+                ("cs", f"cs{self.cs}"),
+                ("int", f"int{self.int}"),
+                ("crystal_mhz", f"{self.crystal_mhz}MHz"),
+            ]
             if getattr(self, key) != entry[key]
         ]
         return "-".join([self.board, self.shield, *own])
@@ -90,7 +98,18 @@ class Choice:
     @property
     def options(self):
         """The choice as options of a script."""
-        return ["--board", self.board, "--shield", self.shield, "--cs", self.cs, "--int", self.int, "--crystal", str(self.crystal_mhz)]
+        return [
+            "--board",
+            self.board,
+            "--shield",
+            self.shield,
+            "--cs",
+            self.cs,
+            "--int",
+            self.int,
+            "--crystal",
+            str(self.crystal_mhz),
+        ]
 
     @property
     def environment(self):
@@ -112,22 +131,39 @@ def size(elf):
 
 
 def upload_lines():
-    """avrdude's line for each board, with the default CAN board. All their bootloaders, and ours, speak what avrdude calls `arduino`."""
-    return "\n".join(upload_line(name, f"{name}-{TABLE['default_shield']}") for name in TABLE["boards"])
+    """avrdude's line for each board, with the default CAN board. All their bootloaders, and ours,
+    speak what avrdude calls `arduino`.
+    """
+    return "\n".join(
+        upload_line(name, f"{name}-{TABLE['default_shield']}") for name in TABLE["boards"]
+    )
 
 
 def upload_line(board, file):
     """avrdude's line for a board and the name of a file without its extension."""
     entry = TABLE["boards"][board]
-    command = f"avrdude -c arduino -p {entry['chip']} -b {entry['upload_baud']} -D -P /dev/ttyUSB0 -U flash:w:{file}.hex:i"
+    command = (
+        f"avrdude -c arduino -p {entry['chip']} -b {entry['upload_baud']} -D -P /dev/ttyUSB0 -U "
+        f"flash:w:{file}.hex:i"
+    )
     return f"    {command:<97}  # {entry['title']}"
 
 
 def add_options(parser):
     group = parser.add_argument_group("board")
-    group.add_argument("--board", default="", help=f"one of {', '.join(TABLE['boards'])} [default: {TABLE['default_board']}]")
-    group.add_argument("--shield", default="", help=f"one of {', '.join(TABLE['shields'])} [default: {TABLE['default_shield']}]")
-    group.add_argument("--cs", default="", help="pin of the MCP2515's CS, such as D8, if it is not the shield's")
+    group.add_argument(
+        "--board",
+        default="",
+        help=f"one of {', '.join(TABLE['boards'])} [default: {TABLE['default_board']}]",
+    )
+    group.add_argument(
+        "--shield",
+        default="",
+        help=f"one of {', '.join(TABLE['shields'])} [default: {TABLE['default_shield']}]",
+    )
+    group.add_argument(
+        "--cs", default="", help="pin of the MCP2515's CS, such as D8, if it is not the shield's"
+    )
     group.add_argument("--int", default="", help="pin of its INT, D2 or D3")
     group.add_argument("--crystal", default="", help="its crystal in MHz, 8 or 16")
 
@@ -140,14 +176,24 @@ def choose(arguments):
     cs = pin("CS", arguments.cs) if arguments.cs else wiring["cs"]
     interrupt = pin("INT", arguments.int) if arguments.int else wiring["int"]
     if interrupt not in INTERRUPTS:
-        sys.exit(f"INT={arguments.int}: use {' or '.join(INTERRUPTS)}. Only they have an interrupt of their own.")
+        sys.exit(
+            f"INT={arguments.int}: use {' or '.join(INTERRUPTS)}. Only they have an interrupt of "
+            "their own."
+        )
     taken = {*TAKEN, *INTERRUPTS, *(TABLE["pins"][name] for name in ("light", "button", "sensor"))}
     if cs in taken:
         free = [name for name in PINS if name not in taken]
         sys.exit(f"CS={arguments.cs}: the pin is taken. Use one of {', '.join(free)}.")
-    crystal = arguments.crystal.upper().removesuffix("MHZ").strip() if arguments.crystal else str(wiring["crystal_mhz"])
+    crystal = (
+        arguments.crystal.upper().removesuffix("MHZ").strip()
+        if arguments.crystal
+        else str(wiring["crystal_mhz"])
+    )
     if crystal not in map(str, CRYSTALS_MHZ):
-        sys.exit(f"CRYSTAL={arguments.crystal}: use {' or '.join(map(str, CRYSTALS_MHZ))}, in MHz, as it is stamped on the crystal.")
+        sys.exit(
+            f"CRYSTAL={arguments.crystal}: use {' or '.join(map(str, CRYSTALS_MHZ))}, in MHz, as "
+            "it is stamped on the crystal."
+        )
     return Choice(board, shield, cs, interrupt, int(crystal))
 
 

@@ -6,15 +6,16 @@ A case takes three lines:
         client = bench("--temperature", "40").dronecan()
         assert client.wait_for(dronecan.uavcan.equipment.device.Temperature).temperature > 310
 
-`bench(...)` starts `sim` with these options and `slcan=N` SLCAN adapters, in real time and in a process group of its own.
-When the test is over its clients are closed, the simulator gets Ctrl-C, and must then end with exit code 0 and leave no link behind.
-It does not exit with 0 if the node crashed or its program misused the chip. No process outlives a test.
+`bench(...)` starts `sim` with these options and `slcan=N` SLCAN adapters, in real time and in a
+process group of its own. When the test is over its clients are closed, the simulator gets Ctrl-C,
+and must then end with exit code 0 and leave no link behind. It does not exit with 0 if the node
+crashed or its program misused the chip. No process outlives a test.
 
-Boards have started before, so that none spends time on generating a unique ID; `fresh=True` starts new boards. Their
-firmware has the default preset, or is `elf=node_elf("thesis")`.
+Boards have started before, so that none spends time on generating a unique ID; `fresh=True` starts
+new boards. Their firmware has the default preset, or is `elf=node_elf("thesis")`.
 
-The programs are $SIM_BIN and $BRIDGE_BIN, or the newer of cargo's debug and release builds. ground.py has the fixtures for tests of
-the bridge, many_nodes.py those for buses with many nodes.
+The programs are $SIM_BIN and $BRIDGE_BIN, or the newer of cargo's debug and release builds.
+ground.py has the fixtures for tests of the bridge, many_nodes.py those for buses with many nodes.
 """
 
 import contextlib
@@ -53,11 +54,13 @@ NODE = 120
 # The node sends a status each second. A busy machine needs more time.
 TIMEOUT_S = 10
 
-# In a script's background process SIGINT is ignored, and the programs that start from here would inherit that.
+# In a script's background process SIGINT is ignored, and the programs that start from here would
+# inherit that.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
-# Our own types, loaded as a user loads them: the directory is the namespace. Loading creates all types again, also the standard
-# ones, so it must come before any use. The applications of pydronecan hold the old types, so they are loaded again.
+# Our own types, loaded as a user loads them: the directory is the namespace. Loading creates all
+# types again, also the standard ones, so it must come before any use. The applications of
+# pydronecan hold the old types, so they are loaded again.
 dronecan.load_dsdl(str(ROOT / "dsdl" / "thesis"))
 importlib.reload(dronecan.app.node_monitor)
 importlib.reload(dronecan.app.dynamic_node_id)
@@ -67,7 +70,11 @@ def project_program(name):
     """The path of a program of the project: "sim", "bridge" or "node-update"."""
     if path := os.environ.get(f"{name.upper()}_BIN"):
         return pathlib.Path(path)
-    built = [path for path in (TARGET / profile / name for profile in ("debug", "release")) if path.exists()]
+    built = [
+        path
+        for path in (TARGET / profile / name for profile in ("debug", "release"))
+        if path.exists()
+    ]
     if not built:
         pytest.exit(f'there is no {name}: run "cargo build -p {name}" first', 2)
     return max(built, key=lambda path: path.stat().st_mtime)
@@ -78,8 +85,15 @@ PRESETS = {"diecimila": "default", "uno": "full"}
 
 
 def node_elf(features="default", gdb=False, board="diecimila"):
-    """The path of the firmware with a preset or a list of features such as "lights,stats"; with `gdb` the one for avr-gdb."""
-    if features == "default" and board == "diecimila" and not gdb and (path := os.environ.get("NODE_ELF")):
+    """The path of the firmware with a preset or a list of features such as "lights,stats"; with
+    `gdb` the one for avr-gdb.
+    """
+    if (
+        features == "default"
+        and board == "diecimila"
+        and not gdb
+        and (path := os.environ.get("NODE_ELF"))
+    ):
         return pathlib.Path(path)
     name = [f"{board}-seeed"]
     if features != PRESETS[board]:
@@ -88,13 +102,19 @@ def node_elf(features="default", gdb=False, board="diecimila"):
         name.append("gdb")
     path = TARGET / "firmware" / ("-".join(name) + ".elf")
     target = "firmware-gdb" if gdb else "firmware"
-    assert path.exists(), f'{path} is missing: run "make {target} BOARD={board} FEATURES={features}"'
+    assert path.exists(), (
+        f'{path} is missing: run "make {target} BOARD={board} FEATURES={features}"'
+    )
     return path
 
 
 def program(name):
-    """The path of a program that the Makefile installs: in the Python environment, by cargo, or by the system."""
-    path = os.pathsep.join([os.path.dirname(sys.executable), str(TARGET / "tools/bin"), os.environ["PATH"]])
+    """The path of a program that the Makefile installs: in the Python environment, by cargo, or by
+    the system.
+    """
+    path = os.pathsep.join(
+        [os.path.dirname(sys.executable), str(TARGET / "tools/bin"), os.environ["PATH"]]
+    )
     found = shutil.which(name, path=path)
     assert found, f'there is no {name}: "make test" installs it'
     return found
@@ -112,10 +132,12 @@ GIVEN_PORTS = set()
 
 
 def free_port():
-    """A port of the loopback interface that is free for TCP and for UDP. Each call returns another one.
+    """A port of the loopback interface that is free for TCP and for UDP. Each call returns another
+    one.
 
-    It is below the range from which the kernel chooses ports itself (Linux: from 32768 on). The kernel could give a port of that
-    range to a client of another test before the program under test opens it.
+    It is below the range from which the kernel chooses ports itself (Linux: from 32768 on). The
+    kernel could give a port of that range to a client of another test before the program under test
+    opens it.
     """
     choices = random.SystemRandom()
     while True:
@@ -137,12 +159,21 @@ UNSHARE = ["unshare", "--net", "--pid", "--fork", "--kill-child"]
 
 @functools.cache
 def namespace(setup):
-    """The beginning of a command line that runs in its own network namespace after `setup` as root. Tries root, a user namespace and sudo."""
+    """The beginning of a command line that runs in its own network namespace after `setup` as root.
+    Tries root, a user namespace and sudo.
+    """
     back = ["setpriv", f"--reuid={os.getuid()}", f"--regid={os.getgid()}", "--clear-groups"]
-    ways = [(UNSHARE, []), ([*UNSHARE, "--map-root-user"], []), (["sudo", "-n", "--preserve-env", *UNSHARE], back)]
+    ways = [
+        (UNSHARE, []),
+        ([*UNSHARE, "--map-root-user"], []),
+        (["sudo", "-n", "--preserve-env", *UNSHARE], back),
+    ]
     for way, user in ways:
         line = [*way, "sh", "-c", f'set -e\n{setup}\nexec "$@"', "sh", *user]
-        if shutil.which(way[0]) and subprocess.run([*line, "true"], capture_output=True).returncode == 0:
+        if (
+            shutil.which(way[0])
+            and subprocess.run([*line, "true"], capture_output=True).returncode == 0
+        ):
             return line
     pytest.fail("cannot create a network namespace: be root, or let sudo work without a password")
 
@@ -177,7 +208,9 @@ class Client:
         end = time.monotonic() + timeout
         try:
             while len(messages) < count:
-                assert time.monotonic() < end, f"{len(messages)} of {count} {data_type} within {timeout} s"
+                assert time.monotonic() < end, (
+                    f"{len(messages)} of {count} {data_type} within {timeout} s"
+                )
                 self.node.spin(0.05)
         finally:
             handle.remove()
@@ -204,7 +237,9 @@ class Client:
         assert monitor.exists(NODE)
 
     def ask(self, request, node=NODE, timeout=TIMEOUT_S):
-        """The response to a request; `None` if none arrives within pydronecan's timeout of a second."""
+        """The response to a request; `None` if none arrives within pydronecan's timeout of a
+        second.
+        """
         events = []
         self.node.request(request, node, events.append)
         event = self.spin_until(lambda: events, f"response to {request}", timeout)[0]
@@ -213,7 +248,9 @@ class Client:
     def parameter(self, name="", index=0, node=NODE, **value):
         """Sets a parameter if there is a value, such as `integer_value=1100`, and returns it."""
         request = dronecan.uavcan.protocol.param.GetSet.Request(index=index, name=name)
-        request.value = dronecan.uavcan.protocol.param.Value(**(value or {"empty": dronecan.uavcan.protocol.param.Empty()}))
+        request.value = dronecan.uavcan.protocol.param.Value(
+            **(value or {"empty": dronecan.uavcan.protocol.param.Empty()})
+        )
         response = self.ask(request, node)
         assert response is not None, f"no answer for parameter {name or index}"
         return response
@@ -233,15 +270,21 @@ class Client:
         return response.ok
 
     def save(self, node=NODE):
-        assert self.execute(dronecan.uavcan.protocol.param.ExecuteOpcode.Request().OPCODE_SAVE, node)
+        assert self.execute(
+            dronecan.uavcan.protocol.param.ExecuteOpcode.Request().OPCODE_SAVE, node
+        )
 
     def restart(self, node=NODE):
-        """Restarts the node and waits for the first status in which its mode and uptime show the start."""
+        """Restarts the node and waits for the first status in which its mode and uptime show the
+        start.
+        """
         request = dronecan.uavcan.protocol.RestartNode.Request()
         request.magic_number = request.MAGIC_NUMBER
         assert self.ask(request, node).ok
         end = time.monotonic() + TIMEOUT_S
-        while (status := self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)).mode != status.MODE_INITIALIZATION:
+        while (
+            status := self.wait_for(dronecan.uavcan.protocol.NodeStatus, source=node)
+        ).mode != status.MODE_INITIALIZATION:
             assert time.monotonic() < end, f"node {node} has not started"
 
     def command(self, *commands):
@@ -257,7 +300,9 @@ class Client:
 
 
 class Raw:
-    """An SLCAN adapter or serial port without a client library, for input that well-behaved clients do not send."""
+    """An SLCAN adapter or serial port without a client library, for input that well-behaved clients
+    do not send.
+    """
 
     def __init__(self, path):
         self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
@@ -355,7 +400,9 @@ class Bench:
         return float(times[-1]) if times else 0.0
 
     def wait_for_text(self, pattern, timeout=TIMEOUT_S):
-        return wait_until(lambda: re.search(pattern, self.text(), re.M), f"line with {pattern!r}", timeout)
+        return wait_until(
+            lambda: re.search(pattern, self.text(), re.M), f"line with {pattern!r}", timeout
+        )
 
     def pulse_us(self):
         """Width of the servo's last pulse, as the simulator measured it."""
@@ -370,7 +417,9 @@ class Bench:
     def still_runs(self):
         """True if simulated time passes and the program runs."""
         start = self.time_s()
-        wait_until(lambda: not self.is_over() and self.time_s() > start + 1, "progress of the simulation")
+        wait_until(
+            lambda: not self.is_over() and self.time_s() > start + 1, "progress of the simulation"
+        )
         return True
 
     def dronecan(self, adapter=0, node_id=10, device=None):
@@ -382,7 +431,9 @@ class Bench:
         return self.clients.enter_context(contextlib.closing(Raw(path or self.slcan[0])))
 
     def start(self, *line, **options):
-        """Starts a client program in its own process group, which is killed at the end of the test if it still runs."""
+        """Starts a client program in its own process group, which is killed at the end of the test
+        if it still runs.
+        """
         process = subprocess.Popen(
             [program(str(line[0])), *map(str, line[1:])],
             stdin=options.pop("stdin", subprocess.DEVNULL),
@@ -399,7 +450,9 @@ class Bench:
         """Runs a client program to its end. Returns its output."""
         process = self.start(*line, **options)
         text = process.communicate(timeout=timeout)[0].decode(errors="replace")
-        assert not check or process.returncode == 0, f"{line}: exit code {process.returncode}\n{text}"
+        assert not check or process.returncode == 0, (
+            f"{line}: exit code {process.returncode}\n{text}"
+        )
         return text
 
     def end(self):
@@ -426,9 +479,21 @@ def end_group(process):
 
 def run_sim(directory, *options, elf=None):
     """Runs the simulator without clients, as fast as possible."""
-    line = [project_program("sim"), "--plain", "--speed", "max", "--elf", elf or node_elf(), *options]
+    line = [
+        project_program("sim"),
+        "--plain",
+        "--speed",
+        "max",
+        "--elf",
+        elf or node_elf(),
+        *options,
+    ]
     done = subprocess.run(
-        [str(word) for word in line], cwd=directory, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, timeout=60
+        [str(word) for word in line],
+        cwd=directory,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        timeout=60,
     )
     text = done.stdout.decode(errors="replace")
     assert done.returncode == 0, text
@@ -450,17 +515,34 @@ def started_eeprom(tmp_path_factory):
 
 @pytest.fixture
 def bench(tmp_path, started_eeprom):
-    """Starts a bench with options of `sim`, `slcan` SLCAN adapters, and a serial port if `serial`."""
+    """Starts a bench with options of `sim`, `slcan` SLCAN adapters, and a serial port if `serial`.
+    """
     benches = []
 
-    def start(*options, slcan=1, serial=False, autopilot=False, exit_code=0, fresh=False, eeproms=None, elf=None):
+    def start(
+        *options,
+        slcan=1,
+        serial=False,
+        autopilot=False,
+        exit_code=0,
+        fresh=False,
+        eeproms=None,
+        elf=None,
+    ):
         directory = tmp_path / f"bench{len(benches)}"
         directory.mkdir()
         elf = elf or node_elf()
         if eeproms is None:
             eeprom = None if fresh else started_eeprom(elf)
             eeproms = [] if eeprom is None else [eeprom]
-        new = Bench(directory, elf, [*options, *([] if autopilot else ["--no-autopilot"])], slcan, serial, eeproms)
+        new = Bench(
+            directory,
+            elf,
+            [*options, *([] if autopilot else ["--no-autopilot"])],
+            slcan,
+            serial,
+            eeproms,
+        )
         new.expected_exit_code = exit_code
         benches.append(new)
         new.wait_for_links()

@@ -1,12 +1,14 @@
-"""A second implementation of the UAVCAN draft of 2014: frames by its layouts; payloads and signatures by pydronecan from its definitions.
+"""A second implementation of the UAVCAN draft of 2014: frames by its layouts; payloads and
+signatures by pydronecan from its definitions.
 
-    identifier: type[28:19] transfer type[18:17] source[16:10] frame index[9:4] last[3] transfer ID[2:0]
+    identifier: type[28:19] transfer type[18:17] source[16:10] frame index[9:4] last[3]
+                transfer ID[2:0]
 
-A frame of a message to all has eight bytes of payload; every other begins with its destination. What is longer than one frame
-begins with its CRC, little endian.
+A frame of a message to all has eight bytes of payload; every other begins with its destination.
+What is longer than one frame begins with its CRC, little endian.
 
-The field lists are those of libuavcan at 3b3c0d3b (2015-03-19), but for Command, which is the one before it had a unit. Their
-order, names and types are what a signature is made of.
+The field lists are those of libuavcan at 3b3c0d3b (2015-03-19), but for Command, which is the one
+before it had a unit. Their order, names and types are what a signature is made of.
 """
 
 import pathlib
@@ -20,9 +22,22 @@ RESPONSE, REQUEST, BROADCAST, UNICAST = range(4)
 VERSION = ["uint8 major", "uint8 minor"]
 # The definitions without comments and constants, which do not affect a signature.
 DEFINITIONS = {
-    "protocol/NodeStatus": ["uint28 uptime_sec", "uint4 status_code", "uint16 vendor_specific_status_code"],
-    "protocol/SoftwareVersion": [*VERSION, "uint8 optional_field_mask", "uint32 vcs_commit", "uint64 image_crc"],
-    "protocol/HardwareVersion": [*VERSION, "uint8[16] unique_id", "uint8[<=255] certificate_of_authenticity"],
+    "protocol/NodeStatus": [
+        "uint28 uptime_sec",
+        "uint4 status_code",
+        "uint16 vendor_specific_status_code",
+    ],
+    "protocol/SoftwareVersion": [
+        *VERSION,
+        "uint8 optional_field_mask",
+        "uint32 vcs_commit",
+        "uint64 image_crc",
+    ],
+    "protocol/HardwareVersion": [
+        *VERSION,
+        "uint8[16] unique_id",
+        "uint8[<=255] certificate_of_authenticity",
+    ],
     "protocol/GetNodeInfo": [
         "---",
         "NodeStatus status",
@@ -62,14 +77,19 @@ DEFINITIONS = {
 
 
 def _types():
-    """All types by their short names. pydronecan no longer allows the IDs of that time, so the files have none."""
+    """All types by their short names. pydronecan no longer allows the IDs of that time, so the
+    files have none.
+    """
     with tempfile.TemporaryDirectory() as directory:
         root = pathlib.Path(directory) / "uavcan"
         for name, fields in DEFINITIONS.items():
             path = root / f"{name}.uavcan"
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text("\n".join(fields) + "\n")
-        return {found.full_name.rsplit(".", 1)[1]: found for found in dsdl.parse_namespaces([str(root)], [])}
+        return {
+            found.full_name.rsplit(".", 1)[1]: found
+            for found in dsdl.parse_namespaces([str(root)], [])
+        }
 
 
 TYPES = _types()
@@ -99,12 +119,23 @@ def identifier(type_id, transfer_type, source, transfer_id, index=0, last=True):
 
 
 def fields(can_id):
-    """Returns type, transfer type, source, transfer ID, frame index, and whether this is the last frame."""
-    return can_id >> 19, can_id >> 17 & 3, can_id >> 10 & 0x7F, can_id & 7, can_id >> 4 & 0x3F, can_id >> 3 & 1
+    """Returns type, transfer type, source, transfer ID, frame index, and whether this is the last
+    frame.
+    """
+    return (
+        can_id >> 19,
+        can_id >> 17 & 3,
+        can_id >> 10 & 0x7F,
+        can_id & 7,
+        can_id >> 4 & 0x3F,
+        can_id >> 3 & 1,
+    )
 
 
 def frames(type_id, transfer_type, source, transfer_id, payload, destination=None, name=None):
-    """Returns (identifier, data) of each frame. A long payload needs its type's `name`, for the CRC."""
+    """Returns (identifier, data) of each frame. A long payload needs its type's `name`, for the
+    CRC.
+    """
     front = [] if transfer_type == BROADCAST else [destination]
     room = 8 - len(front)
     stream = bytes(payload)
@@ -113,6 +144,9 @@ def frames(type_id, transfer_type, source, transfer_id, payload, destination=Non
         stream = crc16_from_bytes(stream, initial=crc).to_bytes(2, "little") + stream
     parts = [stream[at : at + room] for at in range(0, len(stream), room)] or [b""]
     return [
-        (identifier(type_id, transfer_type, source, transfer_id, index, index == len(parts) - 1), bytes(front) + part)
+        (
+            identifier(type_id, transfer_type, source, transfer_id, index, index == len(parts) - 1),
+            bytes(front) + part,
+        )
         for index, part in enumerate(parts)
     ]

@@ -4,8 +4,9 @@
         bridge(bench())
         assert station().wait_for("UAVCAN_NODE_STATUS", component=120).health == 0
 
-`bridge(bench)` starts the program on the bench's first SLCAN adapter; it listens for ground stations. `station()` is a ground station.
-When the test is over the stations are closed, and the bridge gets Ctrl-C and must end with exit code 0.
+`bridge(bench)` starts the program on the bench's first SLCAN adapter; it listens for ground
+stations. `station()` is a ground station. When the test is over the stations are closed, and the
+bridge gets Ctrl-C and must end with exit code 0.
 """
 
 import os
@@ -42,7 +43,11 @@ def value_of(message):
     if message.param_type == mavlink.MAV_PARAM_TYPE_REAL32:
         return message.param_value
     packed = struct.pack("<f", message.param_value)
-    formats = {mavlink.MAV_PARAM_TYPE_UINT8: "<Bxxx", mavlink.MAV_PARAM_TYPE_INT32: "<i", mavlink.MAV_PARAM_TYPE_UINT32: "<I"}
+    formats = {
+        mavlink.MAV_PARAM_TYPE_UINT8: "<Bxxx",
+        mavlink.MAV_PARAM_TYPE_INT32: "<i",
+        mavlink.MAV_PARAM_TYPE_UINT32: "<I",
+    }
     return struct.unpack(formats[message.param_type], packed)[0]
 
 
@@ -85,7 +90,9 @@ class Station:
     """A ground station made with pymavlink."""
 
     def __init__(self, device, component=190, **options):
-        self.link = mavutil.mavlink_connection(device, source_system=255, source_component=component, **options)
+        self.link = mavutil.mavlink_connection(
+            device, source_system=255, source_component=component, **options
+        )
         self.mav = self.link.mav
         self.next_heartbeat = 0
 
@@ -96,7 +103,9 @@ class Station:
         """The next message, or `None`."""
         if time.monotonic() >= self.next_heartbeat:
             self.next_heartbeat = time.monotonic() + 1
-            self.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE)
+            self.mav.heartbeat_send(
+                mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, mavlink.MAV_STATE_ACTIVE
+            )
         return self.link.recv_match(blocking=True, timeout=0.02)
 
     def gather(self, seconds, kind=None):
@@ -109,7 +118,9 @@ class Station:
         return messages
 
     def wait_for(self, kind, component=None, timeout=TIMEOUT_S, heard=None, **fields):
-        """The next message of this kind from this component with these fields. Calls `heard` with all messages before it."""
+        """The next message of this kind from this component with these fields. Calls `heard` with
+        all messages before it.
+        """
         end = time.monotonic() + timeout
         while time.monotonic() < end:
             message = self.receive()
@@ -145,7 +156,18 @@ class Station:
         """Sends a command and returns its COMMAND_ACK."""
         params = [*params, *[0] * (7 - len(params))]
         if integer:
-            self.mav.command_int_send(SYSTEM, component, 0, number, 0, 0, *params[:4], int(params[4]), int(params[5]), params[6])
+            self.mav.command_int_send(
+                SYSTEM,
+                component,
+                0,
+                number,
+                0,
+                0,
+                *params[:4],
+                int(params[4]),
+                int(params[5]),
+                params[6],
+            )
         else:
             self.mav.command_long_send(SYSTEM, component, number, 0, *params)
         ack = self.wait_for("COMMAND_ACK", command=number, heard=heard)
@@ -153,10 +175,16 @@ class Station:
         return ack
 
     def save(self, component=NODE):
-        assert self.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1, component=component).result == ACCEPTED
+        assert (
+            self.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 1, component=component).result
+            == ACCEPTED
+        )
 
     def restart(self, component=NODE):
-        assert self.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1, component=component).result == ACCEPTED
+        assert (
+            self.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1, component=component).result
+            == ACCEPTED
+        )
         self.wait_for("UAVCAN_NODE_INFO", component, uptime_sec=0)
 
 
@@ -188,7 +216,9 @@ class PtyStation(Station):
 
 
 class OldStation:
-    """A ground station that knows only MAVLink 1. It drops other messages, and the bridge must send it none."""
+    """A ground station that knows only MAVLink 1. It drops other messages, and the bridge must send
+    it none.
+    """
 
     def __init__(self, port):
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -222,20 +252,30 @@ class OldStation:
 
 @pytest.fixture
 def bridge(tmp_path):
-    """Starts bridges on the first adapter of a bench or on a bus given as text. They listen on `bridge.port`, or have `channels`."""
+    """Starts bridges on the first adapter of a bench or on a bus given as text. They listen on
+    `bridge.port`, or have `channels`.
+    """
     bridges = []
 
     def start(bus, *options, channels=None):
         if not isinstance(bus, str):
             bus = f"slcan:{bus.slcan[0]}"
         channels = [f"udpin:{start.port}"] if channels is None else channels
-        new = Bridge(tmp_path, "--bus", bus, *[word for channel in channels for word in ("--mavlink", channel)], *options)
+        new = Bridge(
+            tmp_path,
+            "--bus",
+            bus,
+            *[word for channel in channels for word in ("--mavlink", channel)],
+            *options,
+        )
         bridges.append(new)
         return new
 
     start.port = free_port()
     yield start
-    faults = [used.text() for used in bridges if used.process.returncode is None and used.end() != 0]
+    faults = [
+        used.text() for used in bridges if used.process.returncode is None and used.end() != 0
+    ]
     assert not faults, "\n".join(faults)
 
 
@@ -245,7 +285,11 @@ def station(bridge):
     stations = []
 
     def start(device=None, kind=Station, **options):
-        new = kind(bridge.port) if kind is OldStation else kind(device or f"udpout:127.0.0.1:{bridge.port}", **options)
+        new = (
+            kind(bridge.port)
+            if kind is OldStation
+            else kind(device or f"udpout:127.0.0.1:{bridge.port}", **options)
+        )
         stations.append(new)
         return new
 

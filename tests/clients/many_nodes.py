@@ -4,8 +4,9 @@
         used = many_nodes(count=30, parameters=20, frames_per_s=900)
         bridge(used.bus)
 
-The nodes are made with pydronecan. The adapter is a pseudo-terminal. The bus carries `frames_per_s` frames a second in each direction, for all
-nodes together, in order of arrival; but statuses go first because of their priority.
+The nodes are made with pydronecan. The adapter is a pseudo-terminal. The bus carries `frames_per_s`
+frames a second in each direction, for all nodes together, in order of arrival; but statuses go
+first because of their priority.
 """
 
 import collections
@@ -34,7 +35,8 @@ STEP_S = 0.002
 class Node:
     node_id: int
     parameters: dict
-    # Seconds from a request to its answer. With `one_at_a_time` the node starts with the next request after that.
+    # Seconds from a request to its answer. With `one_at_a_time` the node starts with the next
+    # request after that.
     delay_s: float = 0.0
     one_at_a_time: bool = False
     refuses: bool = False
@@ -63,7 +65,9 @@ class Node:
             return self.get_set(request)
         if kind == RESTART_NODE:
             self.started = time.monotonic()
-        return {EXECUTE_OPCODE: EXECUTE_OPCODE, RESTART_NODE: RESTART_NODE}[kind].Response(ok=not self.refuses)
+        return {EXECUTE_OPCODE: EXECUTE_OPCODE, RESTART_NODE: RESTART_NODE}[kind].Response(
+            ok=not self.refuses
+        )
 
     def get_set(self, request):
         response = GET_SET.Response()
@@ -133,7 +137,9 @@ class ManyNodes(threading.Thread):
                 if source is None:
                     self.hear(frame, now)
                 else:
-                    out += f"T{frame.message_id:08X}{len(frame.bytes)}{bytes(frame.bytes).hex().upper()}\r".encode()
+                    data = bytes(frame.bytes)
+                    line = f"T{frame.message_id:08X}{len(data)}{data.hex().upper()}\r"
+                    out += line.encode()
             if self.is_open and out:
                 try:
                     os.write(self.ours, out)
@@ -158,7 +164,12 @@ class ManyNodes(threading.Thread):
 
     def frames_of(self, node, message):
         node.status_id = (node.status_id + 1) % 32
-        transfer = Transfer(payload=message, source_node_id=node.node_id, transfer_id=node.status_id, transfer_priority=24)
+        transfer = Transfer(
+            payload=message,
+            source_node_id=node.node_id,
+            transfer_id=node.status_id,
+            transfer_priority=24,
+        )
         return [(node, frame) for frame in transfer.to_frames()]
 
     def hear(self, frame, now):
@@ -199,7 +210,8 @@ def integers(count):
 
 @pytest.fixture
 def many_nodes(tmp_path):
-    """Starts such a bus with `count` nodes of `parameters` parameters each, or with these `nodes`."""
+    """Starts such a bus with `count` nodes of `parameters` parameters each, or with these `nodes`.
+    """
     started = []
 
     def start(nodes=None, count=1, parameters=20, frames_per_s=9000, status_hz=1, first=1):

@@ -33,28 +33,40 @@ def test_a_command_moves_the_servo_and_the_temperature_arrives(joined):
     for value, pulse_us in [(0.5, 1750), (-1.0, 1000)]:
         client.command((1, 0, value))
         client.spin_until(lambda: used.pulse_us() == pulse_us, f"pulse of {pulse_us} us")
-    assert client.wait_for(uavcan.equipment.device.Temperature).temperature == pytest.approx(313.15, abs=0.4)
+    assert client.wait_for(uavcan.equipment.device.Temperature).temperature == pytest.approx(
+        313.15, abs=0.4
+    )
 
 
 def test_no_frame_is_lost_or_repeated_in_either_direction(joined):
     used, client = joined("--log", "sim.log", autopilot=True)
     seen = {"rx": [], "tx": []}
     client.node.can_driver.add_io_hook(
-        lambda direction, frame: seen[direction].append(f"{frame.id:08X}#{bytes(frame.data).hex().upper()}")
+        lambda direction, frame: seen[direction].append(
+            f"{frame.id:08X}#{bytes(frame.data).hex().upper()}"
+        )
     )
 
     def logged(ours):
         """The frames on the bus that this client sent, or those of the others."""
-        frames = re.findall(r"^\([\d.]+\) \S+ (\S+)$", (used.directory / "sim.log").read_text(), re.M)
-        return [frame for frame in frames if (re.match("[0-9A-F]{6}0A#", frame) is not None) == ours]
+        frames = re.findall(
+            r"^\([\d.]+\) \S+ (\S+)$", (used.directory / "sim.log").read_text(), re.M
+        )
+        return [
+            frame for frame in frames if (re.match("[0-9A-F]{6}0A#", frame) is not None) == ours
+        ]
 
     # The first status that the client receives. The uptime makes it unique.
-    mark = client.spin_until(lambda: next((f for f in seen["rx"] if f.startswith("18015578#")), None), "status")
+    mark = client.spin_until(
+        lambda: next((f for f in seen["rx"] if f.startswith("18015578#")), None), "status"
+    )
     for number in range(200):
         for part in range(5):
             client.command((1, 4, 1000 + number + part))
         client.spin(0.01)
-    client.spin_until(lambda: len(logged(ours=True)) == len(seen["tx"]), "last of the frames on the bus")
+    client.spin_until(
+        lambda: len(logged(ours=True)) == len(seen["tx"]), "last of the frames on the bus"
+    )
     assert logged(ours=True) == seen["tx"]
     sent = logged(ours=False)
     sent = sent[sent.index(mark) :]

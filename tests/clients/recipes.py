@@ -1,25 +1,31 @@
-"""Reads the recipes of a page of docs/ and runs those of one section exactly as written. test_recipes.py runs each section as a test.
+"""Reads the recipes of a page of docs/ and runs those of one section exactly as written.
+test_recipes.py runs each section as a test.
 
-A recipe is a fenced block of `sh`. A section is the text between two headings `## `. Its blocks run one after the other, from the root of the
-repository, in an empty home directory. What the reader of the page sees decides how a block runs:
+A recipe is a fenced block of `sh`. A section is the text between two headings `## `. Its blocks run
+one after the other, from the root of the repository, in an empty home directory. What the reader of
+the page sees decides how a block runs:
 
-    Terminal 1:         as the last line before the block: it runs beside the blocks of the terminals with higher numbers that follow, until
-                        the last of them has ended; then it gets Ctrl-C. The next terminal begins when the first line of its output block
-                        has been printed, or any line if it has none.
-    ```text             the next block after it is output that the block must print: these lines, with nothing between them.
-                        `...` in a line is any text, a line of its own is any lines.
+    Terminal 1:         as the last line before the block: it runs beside the blocks of the
+                        terminals with higher numbers that follow, until the last of them has ended;
+                        then it gets Ctrl-C. The next terminal begins when the first line of its
+                        output block has been printed, or any line if it has none.
+    ```text             the next block after it is output that the block must print: these lines,
+                        with nothing between them. `...` in a line is any text, a line of its own is
+                        any lines.
 
-HTML comments before a block say what the reader does not need to see. Several words have commas between them:
-HTML comments before a block have what the reader does not need to see. Commas separate several words:
+HTML comments before a block have what the reader does not need to see. Commas separate several
+words:
     <!-- recipe: in each terminal -->   begins every terminal from here to the end of the page
     <!-- recipe: as root -->            is run as root, before all other blocks of the section
     <!-- recipe: long -->               only "make test-all" runs it
     <!-- recipe: until Ctrl-C -->       ends by Ctrl-C, after its output has been printed
     <!-- recipe: exit code 1 -->        ends with this exit code
     <!-- recipe: needs a screen -->     is not run; so are "needs the network" and "needs hardware"
-    <!-- typed -->                      typed into the block before, a line whenever that prints nothing for a second; then Ctrl-D.
-                                        `typed after: TEXT` waits until that has printed TEXT
-    <!-- output: numbers vary -->       for a block of output: any other number is as good as the one in the page
+    <!-- typed -->                      typed into the block before, a line whenever that prints
+                                        nothing for a second; then Ctrl-D. `typed after: TEXT` waits
+                                        until that has printed TEXT
+    <!-- output: numbers vary -->       for a block of output: any other number is as good as the
+                                        one in the page
 """
 
 import dataclasses
@@ -72,7 +78,12 @@ class Page:
         return [
             mode
             for mode in ("quick", "long")
-            if any(block.runs(mode) and (mode == "quick" or mode in block.kinds) and "as root" not in block.kinds for block in blocks)
+            if any(
+                block.runs(mode)
+                and (mode == "quick" or mode in block.kinds)
+                and "as root" not in block.kinds
+                for block in blocks
+            )
         ]
 
 
@@ -130,7 +141,11 @@ def pattern(lines, numbers_vary):
             return re.escape(text)
         done, at = "", 0
         for number in NUMBER.finditer(text):
-            done += re.escape(text[at : number.start()]) + (" *" if number[1] else "") + r"[-+]?\d[\d,]*(?:\.\d+)?"
+            done += (
+                re.escape(text[at : number.start()])
+                + (" *" if number[1] else "")
+                + r"[-+]?\d[\d,]*(?:\.\d+)?"
+            )
             at = number.end()
         return done + re.escape(text[at:])
 
@@ -139,7 +154,9 @@ def pattern(lines, numbers_vary):
         if line == "...":
             expression += r"(?:.*\n)*?"
         else:
-            expression += ".*".join(escape(part) for part in line.rstrip().split("...")) + r"[ \r]*\n"
+            expression += (
+                ".*".join(escape(part) for part in line.rstrip().split("...")) + r"[ \r]*\n"
+            )
     return re.compile(expression)
 
 
@@ -153,7 +170,8 @@ class Running:
     def __init__(self, block, home, environment):
         self.block = block
         self.output = tempfile.TemporaryFile()
-        # Exactly as written, except that the target directory may be elsewhere and that each line must succeed.
+        # Exactly as written, except that the target directory may be elsewhere and that each line
+        # must succeed.
         text = (block.prelude + block.text).replace('"$repository"/target/', f"{TARGET}/")
         self.process = subprocess.Popen(
             ["bash", "-c", "set -e -o pipefail\n" + text],
@@ -176,9 +194,14 @@ class Running:
         return self.process.poll() is not None
 
     def type(self):
-        """Types a line after each second without output, at most ten seconds after the last line."""
+        """Types a line after each second without output, at most ten seconds after the last line.
+        """
         end = time.monotonic() + self.timeout_s
-        while self.block.typed_after not in self.text() and not self.is_over() and time.monotonic() < end:
+        while (
+            self.block.typed_after not in self.text()
+            and not self.is_over()
+            and time.monotonic() < end
+        ):
             time.sleep(0.05)
         for line in self.block.typed:
             size, quiet_since, latest = 0, time.monotonic(), time.monotonic() + 10
@@ -199,7 +222,9 @@ class Running:
             if self.is_over():
                 raise Failure(f"the program ended before it printed {expression.pattern!r}")
             if time.monotonic() > end:
-                raise Failure(f"the program did not print {expression.pattern!r} within {self.timeout_s} s")
+                raise Failure(
+                    f"the program did not print {expression.pattern!r} within {self.timeout_s} s"
+                )
             time.sleep(0.05)
 
     def wait_until_ready(self):
@@ -214,7 +239,12 @@ class Running:
         if self.is_over():
             raise Failure(f"the program ended by itself, with exit code {self.process.returncode}")
         os.killpg(self.process.pid, signal.SIGINT)
-        self.finish(TIMEOUT_OF_END_S, also=[-signal.SIGINT, 128 + signal.SIGINT] if re.match("make ", self.block.text) else [])
+        self.finish(
+            TIMEOUT_OF_END_S,
+            also=[-signal.SIGINT, 128 + signal.SIGINT]
+            if re.match("make ", self.block.text)
+            else [],
+        )
 
     def finish(self, timeout_s, also=()):
         try:
@@ -236,7 +266,9 @@ class Running:
 
 
 def run_section(page, title, mode, home, environment):
-    """Runs the blocks of a section in order. Raises `Failure` at the first that does not do what the page says."""
+    """Runs the blocks of a section in order. Raises `Failure` at the first that does not do what
+    the page says.
+    """
     background = []
     running = None
 
@@ -249,14 +281,20 @@ def run_section(page, title, mode, home, environment):
             finally:
                 running.kill()
 
-    blocks = [block for block in page.sections[title] if block.runs(mode) and "as root" not in block.kinds]
+    blocks = [
+        block for block in page.sections[title] if block.runs(mode) and "as root" not in block.kinds
+    ]
     try:
         for index, block in enumerate(blocks):
             if block.terminal <= 1:
                 end_background()
             started = time.monotonic()
             running = Running(block, home, environment)
-            if block.terminal and index + 1 < len(blocks) and blocks[index + 1].terminal > block.terminal:
+            if (
+                block.terminal
+                and index + 1 < len(blocks)
+                and blocks[index + 1].terminal > block.terminal
+            ):
                 background.append(running)
                 running.wait_until_ready()
                 continue
@@ -272,8 +310,12 @@ def run_section(page, title, mode, home, environment):
             print(f"line {block.line}: {time.monotonic() - started:.1f} s")
         end_background()
     except Failure as failure:
-        shown = "".join(f"--- line {one.block.line}\n{one.text()[-6000:]}" for one in [*background, running])
-        raise Failure(f"line {running.block.line}, {running.block.text.splitlines()[0]}: {failure}\n{shown}") from None
+        shown = "".join(
+            f"--- line {one.block.line}\n{one.text()[-6000:]}" for one in [*background, running]
+        )
+        raise Failure(
+            f"line {running.block.line}, {running.block.text.splitlines()[0]}: {failure}\n{shown}"
+        ) from None
     finally:
         for one in background:
             one.kill()
@@ -282,7 +324,8 @@ def run_section(page, title, mode, home, environment):
 def main():
     """Runs one section: PAGE TITLE MODE HOME, with this environment except HOME."""
     path, title, mode, home = sys.argv[1:]
-    # In a script's background process SIGINT is ignored, and the programs that start from here would inherit that.
+    # In a script's background process SIGINT is ignored, and the programs that start from here
+    # would inherit that.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     environment = dict(os.environ)
     # sudo does not pass PATH on.

@@ -1,4 +1,6 @@
-"""Dynamic node IDs from pydronecan's allocator, for one board and for five that start at the same moment."""
+"""Dynamic node IDs from pydronecan's allocator, for one board and for five that start at the same
+moment.
+"""
 
 import re
 
@@ -24,21 +26,32 @@ def request_line(time_s, request, transfer_id):
         service_not_message=True,
         request_not_response=True,
     )
-    return "".join(f"({time_s}) can0 {f.message_id:08X}#{bytes(f.bytes).hex().upper()}\n" for f in transfer.to_frames())
+    return "".join(
+        f"({time_s}) can0 {f.message_id:08X}#{bytes(f.bytes).hex().upper()}\n"
+        for f in transfer.to_frames()
+    )
 
 
 @pytest.fixture(scope="session")
 def boards_without_id(tmp_path_factory):
-    """EEPROMs of five boards with CAN_NODE 0. Their unique IDs differ, because one simulation generated them."""
+    """EEPROMs of five boards with CAN_NODE 0. Their unique IDs differ, because one simulation
+    generated them.
+    """
     directory = tmp_path_factory.mktemp("boards_without_id")
     get_set = protocol.param.GetSet.Request(name="CAN_NODE")
     get_set.value = protocol.param.Value(integer_value=0)
     save = protocol.param.ExecuteOpcode.Request(opcode=0)
-    # All boards are node 120 at first and answer at once, which can destroy frames. So the script repeats the requests.
-    lines = "".join(request_line(1.8 + 0.5 * n, get_set, n) + request_line(2.0 + 0.5 * n, save, n) for n in range(3))
+    # All boards are node 120 at first and answer at once, which can destroy frames. So the script
+    # repeats the requests.
+    lines = "".join(
+        request_line(1.8 + 0.5 * n, get_set, n) + request_line(2.0 + 0.5 * n, save, n)
+        for n in range(3)
+    )
     (directory / "script").write_text(lines)
     options = ["--nodes", "4", "--no-autopilot", "--for", "4s", "--script", directory / "script"]
-    run_sim(directory, *options, "--eeprom", directory / "eeprom", elf=node_elf("full", board="uno"))
+    run_sim(
+        directory, *options, "--eeprom", directory / "eeprom", elf=node_elf("full", board="uno")
+    )
     names = ["eeprom", *(f"eeprom.{n}" for n in range(1, 5))]
     return [(directory / name).read_bytes() for name in names]
 
@@ -52,9 +65,17 @@ class Allocator:
         self.server = CentralizedServer(self.client.node, self.monitor)
 
     def allocated(self):
-        """Node IDs by unique ID, only of nodes that are online. The allocator's own entry has no unique ID."""
-        entries = [(bytes(unique_id), node_id) for unique_id, node_id in self.server.get_allocation_table() if unique_id]
-        return {unique_id: node_id for unique_id, node_id in entries if self.monitor.exists(node_id)}
+        """Node IDs by unique ID, only of nodes that are online. The allocator's own entry has no
+        unique ID.
+        """
+        entries = [
+            (bytes(unique_id), node_id)
+            for unique_id, node_id in self.server.get_allocation_table()
+            if unique_id
+        ]
+        return {
+            unique_id: node_id for unique_id, node_id in entries if self.monitor.exists(node_id)
+        }
 
 
 def test_one_board_is_allocated_an_id_and_works(bench, boards_without_id):
@@ -94,7 +115,11 @@ def test_five_boards_that_start_together_are_allocated_five_ids(bench, boards_wi
     client.spin_until(lambda: len(allocator.allocated()) == 5, "five allocations", timeout=60)
     entries = allocator.allocated()
     assert len(set(entries.values())) == 5
-    client.spin_until(lambda: all(allocator.monitor.get(n).info for n in entries.values()), "information of all", timeout=30)
+    client.spin_until(
+        lambda: all(allocator.monitor.get(n).info for n in entries.values()),
+        "information of all",
+        timeout=30,
+    )
     for unique_id, node_id in entries.items():
         assert bytes(allocator.monitor.get(node_id).info.hardware_version.unique_id) == unique_id
     # Each node keeps its ID and answers under it.
@@ -106,7 +131,13 @@ def test_five_boards_that_start_together_are_allocated_five_ids(bench, boards_wi
 
 def test_the_simulated_autopilot_allocates_ids(bench, boards_without_id):
     options = ["--allocate", "--autopilot", "ardupilot", "--nodes", "1"]
-    used = bench(*options, autopilot=True, eeproms=boards_without_id[:2], slcan=0, elf=node_elf("full", board="uno"))
+    used = bench(
+        *options,
+        autopilot=True,
+        eeproms=boards_without_id[:2],
+        slcan=0,
+        elf=node_elf("full", board="uno"),
+    )
     used.wait_for_text(r" node +125 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
     used.wait_for_text(r" node +124 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
     used.wait_for_text(r" node +125 is org\.\S+ software ", timeout=20)

@@ -55,7 +55,15 @@ def test_a_client_that_dies_during_a_frame_does_not_stop_the_simulation(bench):
 def test_invalid_input_is_answered_with_errors(bench):
     used = bench()
     port = opened(used)
-    for rubbish in [b"T\r", b"T1404562AF00\r", b"t8001\r", b"x" * 10_000 + b"\r", b"\x00\xff\xfe\r", b"TXYZ\r", b"S9\r"]:
+    for rubbish in [
+        b"T\r",
+        b"T1404562AF00\r",
+        b"t8001\r",
+        b"x" * 10_000 + b"\r",
+        b"\x00\xff\xfe\r",
+        b"TXYZ\r",
+        b"S9\r",
+    ]:
         assert port.ask(rubbish) == b"\x07", rubbish[:20]
         port.read()
     port.write_all(os.urandom(20_000))
@@ -77,7 +85,16 @@ def test_the_error_for_a_path_in_use_has_the_path(bench):
     used = bench()
     other = used.directory / "file"
     other.write_text("precious")
-    line = [project_program("sim"), "--plain", "--no-autopilot", "--for", "1s", "--elf", node_elf(), "--slcan"]
+    line = [
+        project_program("sim"),
+        "--plain",
+        "--no-autopilot",
+        "--for",
+        "1s",
+        "--elf",
+        node_elf(),
+        "--slcan",
+    ]
     for path in (used.slcan[0], other):
         text = used.run(*line, path, check=False)
         assert str(path) in text and text.startswith("sim: "), text

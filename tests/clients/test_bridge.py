@@ -1,4 +1,6 @@
-"""The node on a ground station: pymavlink, MAVProxy, and pydronecan through MAVLink, with the bridge and the simulated node."""
+"""The node on a ground station: pymavlink, MAVProxy, and pydronecan through MAVLink, with the
+bridge and the simulated node.
+"""
 
 import collections
 import hashlib
@@ -14,18 +16,37 @@ from dronecan import uavcan
 from dronecan.app.node_monitor import NodeMonitor
 
 from conftest import NODE, TIMEOUT_S, VERSION, Client, end_group, free_port, wait_until
-from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, UNSUPPORTED, OldStation, PtyStation, as_float, mavlink, value_of
+from ground import (
+    ACCEPTED,
+    BRIDGE,
+    DENIED,
+    SYSTEM,
+    UNSUPPORTED,
+    OldStation,
+    PtyStation,
+    as_float,
+    mavlink,
+    value_of,
+)
 from test_management import PARAMETERS
 
-GET_NODE_INFO, REQUEST_MESSAGE = mavlink.MAV_CMD_UAVCAN_GET_NODE_INFO, mavlink.MAV_CMD_REQUEST_MESSAGE
+GET_NODE_INFO, REQUEST_MESSAGE = (
+    mavlink.MAV_CMD_UAVCAN_GET_NODE_INFO,
+    mavlink.MAV_CMD_REQUEST_MESSAGE,
+)
 # MAV_PARAM_ERROR_TYPE_UNSUPPORTED. This version of pymavlink does not have it.
 TYPE_UNSUPPORTED = 6
-INT32, REAL32, UINT8 = mavlink.MAV_PARAM_TYPE_INT32, mavlink.MAV_PARAM_TYPE_REAL32, mavlink.MAV_PARAM_TYPE_UINT8
+INT32, REAL32, UINT8 = (
+    mavlink.MAV_PARAM_TYPE_INT32,
+    mavlink.MAV_PARAM_TYPE_REAL32,
+    mavlink.MAV_PARAM_TYPE_UINT8,
+)
 
 
 @pytest.fixture
 def joined(bench, bridge, station):
-    """A simulated node, the bridge, and a ground station that has received the node's information."""
+    """A simulated node, the bridge, and a ground station that has received the node's information.
+    """
 
     def start(*options, **bench_options):
         used = bench(**bench_options)
@@ -88,7 +109,9 @@ def test_status_and_information_come_from_the_node_s_component(joined):
     assert uptimes == sorted(uptimes) and uptimes[-1] - uptimes[0] in (2, 3)
     assert {(m.health, m.mode) for m in statuses} == {(0, 0)}
     assert abs(statuses[-1].time_usec / 1e6 - time.time()) < 2
-    heartbeats = collections.Counter(m.get_srcComponent() for m in messages if m.get_type() == "HEARTBEAT")
+    heartbeats = collections.Counter(
+        m.get_srcComponent() for m in messages if m.get_type() == "HEARTBEAT"
+    )
     assert set(heartbeats) == {NODE, BRIDGE} and min(heartbeats.values()) >= 2
     assert not any(m.get_type() == "UAVCAN_NODE_INFO" for m in messages), "no station requested it"
 
@@ -97,7 +120,9 @@ def test_status_and_information_come_from_the_node_s_component(joined):
 def test_a_command_requests_each_node_s_information_once(joined, integer):
     _, ground = joined()
     for component in (0, BRIDGE, NODE):
-        assert ground.command(GET_NODE_INFO, component=component, integer=integer).result == ACCEPTED
+        assert (
+            ground.command(GET_NODE_INFO, component=component, integer=integer).result == ACCEPTED
+        )
         infos = ground.gather(0.5, "UAVCAN_NODE_INFO")
         assert [m.get_srcComponent() for m in infos] == [NODE]
     assert ground.command(REQUEST_MESSAGE, 311).result == ACCEPTED
@@ -114,7 +139,9 @@ def test_unsupported_commands_are_answered(joined):
     assert ground.command(42_650).result == UNSUPPORTED
     assert ground.command(REQUEST_MESSAGE, 30).result == DENIED
     assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2, component=0).result == DENIED
-    assert ground.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1, component=0).result == DENIED
+    assert (
+        ground.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1, component=0).result == DENIED
+    )
     assert ground.command(mavlink.MAV_CMD_CAN_FORWARD, 2, component=0).result == DENIED
     version = ground.command(REQUEST_MESSAGE, 148) and ground.wait_for("AUTOPILOT_VERSION", NODE)
     assert version.capabilities & mavlink.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
@@ -146,11 +173,21 @@ def test_parameters_are_read_by_index_and_by_name(joined):
     _, ground = joined()
     for index in (len(PARAMETERS) - 2, 0, 13):
         message = ground.read("", index=index)
-        assert (message.param_id, message.param_index, message.param_count) == (PARAMETERS[index], index, len(PARAMETERS))
+        assert (message.param_id, message.param_index, message.param_count) == (
+            PARAMETERS[index],
+            index,
+            len(PARAMETERS),
+        )
     message = ground.read("OUT1_TRIM")
-    assert (message.param_index, message.param_count, value_of(message)) == (4, len(PARAMETERS), 1500)
+    assert (message.param_index, message.param_count, value_of(message)) == (
+        4,
+        len(PARAMETERS),
+        1500,
+    )
     ground.mav.param_request_list_send(SYSTEM, 0)
-    assert len({ground.wait_for("PARAM_VALUE", NODE).param_id for _ in range(len(PARAMETERS))}) == len(PARAMETERS)
+    assert len(
+        {ground.wait_for("PARAM_VALUE", NODE).param_id for _ in range(len(PARAMETERS))}
+    ) == len(PARAMETERS)
 
 
 def test_a_set_of_another_type_is_converted_or_rejected(joined):
@@ -174,13 +211,19 @@ def test_a_station_with_mavlink_1_is_answered_with_mavlink_1(joined, station):
     _, ground = joined()
     old = station(kind=OldStation)
     old.mav.param_request_list_send(SYSTEM, NODE)
-    assert {old.wait_for("PARAM_VALUE", NODE).param_id for _ in range(len(PARAMETERS))} == set(PARAMETERS)
+    assert {old.wait_for("PARAM_VALUE", NODE).param_id for _ in range(len(PARAMETERS))} == set(
+        PARAMETERS
+    )
     old.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1800), INT32)
     assert value_of(old.wait_for("PARAM_VALUE", NODE)) == 1800
-    old.mav.command_long_send(SYSTEM, NODE, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0)
+    old.mav.command_long_send(
+        SYSTEM, NODE, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0
+    )
     assert old.wait_for("COMMAND_ACK", NODE).result == ACCEPTED
     old.wait_for("HEARTBEAT", NODE)
-    assert value_of(ground.read("OUT1_MAX")) == 1800, "the other station must still receive version 2"
+    assert value_of(ground.read("OUT1_MAX")) == 1800, (
+        "the other station must still receive version 2"
+    )
     # pymavlink can do MAVLink 2, but sends version 1 until it receives version 2.
     assert old.magic[0] == 0xFD
 
@@ -204,14 +247,28 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
     bridge(used, channels=[f"udpout:127.0.0.1:{port}"])
     home = tmp_path / "mavproxy"
     home.mkdir()
-    options = ["--source-system=255", "--target-system=1", f"--target-component={NODE}", f"--state-basedir={home}"]
+    options = [
+        "--source-system=255",
+        "--target-system=1",
+        f"--target-component={NODE}",
+        f"--state-basedir={home}",
+    ]
     proxy = used.start(
-        "mavproxy.py", f"--master=udp:127.0.0.1:{port}", *options, "--default-modules=param,ftp,cmdlong,misc",
-        stdin=-1, stdout=open(home / "out.txt", "wb"), env={**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"},
-    )  # fmt: skip
+        "mavproxy.py",
+        f"--master=udp:127.0.0.1:{port}",
+        *options,
+        "--default-modules=param,ftp,cmdlong,misc",
+        stdin=-1,
+        stdout=open(home / "out.txt", "wb"),
+        env={**os.environ, "HOME": str(home), "PYTHONUNBUFFERED": "1"},
+    )
 
     def wait_for_output(text, timeout=15):
-        wait_until(lambda: text in (home / "out.txt").read_text(errors="replace"), f"{text!r} of MAVProxy", timeout)
+        wait_until(
+            lambda: text in (home / "out.txt").read_text(errors="replace"),
+            f"{text!r} of MAVProxy",
+            timeout,
+        )
 
     def type_line(line):
         proxy.stdin.write(f"{line}\n".encode())
@@ -223,13 +280,26 @@ def test_mavproxy_fetches_sets_saves_and_restarts(bench, bridge, tmp_path):
     print(f"parameters {time.monotonic() - detected:.2f} s after the node was seen")
     # MAVProxy checks once a second.
     assert time.monotonic() < detected + 2
-    # MAVProxy asks for a file first. The bridge rejects it at once, and MAVProxy reads the parameters one by one.
-    before = (home / "out.txt").read_text(errors="replace").count(f"Received {len(PARAMETERS)} parameters")
+    # MAVProxy asks for a file first. The bridge rejects it at once, and MAVProxy reads the
+    # parameters one by one.
+    before = (
+        (home / "out.txt")
+        .read_text(errors="replace")
+        .count(f"Received {len(PARAMETERS)} parameters")
+    )
     # pymavlink does not fetch the parameters twice within two seconds.
     time.sleep(2.1)
     asked = time.monotonic()
     type_line("param fetch")
-    wait_until(lambda: (home / "out.txt").read_text(errors="replace").count(f"Received {len(PARAMETERS)} parameters") > before, "parameters")
+    wait_until(
+        lambda: (
+            (home / "out.txt")
+            .read_text(errors="replace")
+            .count(f"Received {len(PARAMETERS)} parameters")
+            > before
+        ),
+        "parameters",
+    )
     print(f"param fetch: {time.monotonic() - asked:.2f} s")
     assert time.monotonic() < asked + 1
     type_line("param show OUT1_M*")
@@ -261,7 +331,9 @@ def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
     bridge(used, "--allow-can", channels=[f"udpout:127.0.0.1:{port}"])
     client = used.dronecan(device=f"mavcan:udpin:127.0.0.1:{port}", node_id=127)
     monitor = NodeMonitor(client.node)
-    client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")
+    client.spin_until(
+        lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120"
+    )
     names = [str(client.parameter(index=index).name) for index in range(len(PARAMETERS))]
     assert names == PARAMETERS
     client.set("OUT1_MIN", 1234)
@@ -303,7 +375,13 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
     started = bridge(used)
     ground = station()
     received = set()
-    wait_until(lambda: received.update(m.get_srcComponent() for m in ground.gather(0.2, "UAVCAN_NODE_INFO")) or len(received) == 4, "4 nodes")
+    wait_until(
+        lambda: (
+            received.update(m.get_srcComponent() for m in ground.gather(0.2, "UAVCAN_NODE_INFO"))
+            or len(received) == 4
+        ),
+        "4 nodes",
+    )
     assert received == {42, 120, 121, 122}
     for node in (120, 121, 122):
         found = ground.parameters(node)
@@ -319,10 +397,16 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
     assert value_of(found["ratio"]) == struct.unpack("<f", struct.pack("<f", 0.1))[0]
     assert value_of(found[lowest]) == -2_000_000_001
     assert value_of(ground.set(highest, as_float(55), component=42)) == 55
-    assert fake.parameters[f"{long}max"][1] == 55 and fake.parameters[f"{long}min"][1] == -2_000_000_001
+    assert (
+        fake.parameters[f"{long}max"][1] == 55
+        and fake.parameters[f"{long}min"][1] == -2_000_000_001
+    )
     assert value_of(ground.set("ratio", 0.7, REAL32, component=42)) == pytest.approx(0.7)
     assert value_of(ground.set("enabled", as_float(0), UINT8, component=42)) == 0
-    for name, error in (("label", TYPE_UNSUPPORTED), ("none", mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST)):
+    for name, error in (
+        ("label", TYPE_UNSUPPORTED),
+        ("none", mavlink.MAV_PARAM_ERROR_DOES_NOT_EXIST),
+    ):
         ground.mav.param_request_read_send(SYSTEM, 42, name.encode(), -1)
         assert ground.wait_for("PARAM_ERROR", 42).error == error
     # The value is rounded for MAVLink, but must not be rounded in the node.
@@ -333,7 +417,9 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
 
     names = bridge(used, "--names", channels=[])
     assert names.wait(20) == 0
-    assert re.search(rf" 42  {re.escape(highest)}  INT32 +55 +{re.escape(long)}max$", names.text(), re.M)
+    assert re.search(
+        rf" 42  {re.escape(highest)}  INT32 +55 +{re.escape(long)}max$", names.text(), re.M
+    )
     assert len(re.findall(r"^ *12[0-2] ", names.text(), re.M)) == 3 * len(PARAMETERS)
 
 
@@ -372,7 +458,9 @@ def test_statuses_of_thirty_nodes_at_10_hz_come_at_1_hz_on_57600_baud(bench, bri
     messages = ground.gather(seconds)
     crowd.ended.set()
     crowd.join(TIMEOUT_S)
-    counts = collections.Counter(m.get_srcComponent() for m in messages if m.get_type() == "UAVCAN_NODE_STATUS")
+    counts = collections.Counter(
+        m.get_srcComponent() for m in messages if m.get_type() == "UAVCAN_NODE_STATUS"
+    )
     assert set(range(1, 31)) <= set(counts)
     assert min(counts[node] for node in range(1, 31)) >= seconds, counts
     # Not more than the line can carry, and not much less, because the channel should be used.
@@ -389,7 +477,9 @@ def test_a_limited_status_rate_is_kept(bench, bridge, station):
     ground = station()
     crowd.start()
     ground.gather(1)
-    counts = collections.Counter(m.get_srcComponent() for m in ground.gather(3, "UAVCAN_NODE_STATUS"))
+    counts = collections.Counter(
+        m.get_srcComponent() for m in ground.gather(3, "UAVCAN_NODE_STATUS")
+    )
     crowd.ended.set()
     crowd.join(TIMEOUT_S)
     # The node answers the other node's statuses, which come twice a second.
@@ -527,7 +617,9 @@ def test_it_listens_only_on_the_given_port_of_the_loopback_interface(bench, brid
         ("mcast:0", "udpout:no.such.host.invalid:1", 4, "there is no host"),
     ],
 )
-def test_what_cannot_be_opened_is_reported_with_a_remedy_and_an_exit_code(bridge, bus, channel, code, remedy):
+def test_what_cannot_be_opened_is_reported_with_a_remedy_and_an_exit_code(
+    bridge, bus, channel, code, remedy
+):
     started = bridge(bus, channels=[channel.format(port=bridge.port)])
     assert started.wait() == code
     assert remedy in started.text()
@@ -546,7 +638,9 @@ def test_a_message_after_an_incomplete_one_is_received_at_once(joined):
     assert value_of(ground.read("OUT1_MAX")) == 2000
 
 
-def test_with_wait_it_waits_for_the_bus_and_with_for_it_ends_by_itself(bench, bridge, station, tmp_path):
+def test_with_wait_it_waits_for_the_bus_and_with_for_it_ends_by_itself(
+    bench, bridge, station, tmp_path
+):
     link = tmp_path / "adapter"
     started = bridge(f"slcan:{link}", "--wait", "--for", "5s")
     started.wait_for_text("is not available")

@@ -9,13 +9,16 @@ from many_nodes import Node, integers
 def fetch_all(ground, nodes, parameters, timeout):
     """The seconds until all parameters of all nodes have arrived, after one PARAM_REQUEST_LIST.
 
-    After a second without a parameter it requests the missing ones again, like a ground station: the socket of this busy process may lose some.
+    After a second without a parameter it requests the missing ones again, like a ground station:
+    the socket of this busy process may lose some.
     """
     start = heard = time.monotonic()
     ground.mav.param_request_list_send(SYSTEM, 0)
     missing = {(node, index) for node in nodes for index in range(parameters)}
     while missing:
-        assert time.monotonic() < start + timeout, f"{len(missing)} of {len(nodes) * parameters} are missing"
+        assert time.monotonic() < start + timeout, (
+            f"{len(missing)} of {len(nodes) * parameters} are missing"
+        )
         message = ground.receive()
         if len(missing) < len(nodes) * parameters and time.monotonic() > heard + 1:
             heard = time.monotonic()
@@ -37,14 +40,21 @@ def wait_for_infos(ground, nodes):
             received.add(message.get_srcComponent())
 
 
-def test_all_parameters_of_thirty_nodes_arrive_over_a_bus_of_900_frames_a_second(many_nodes, bridge, station):
+def test_all_parameters_of_thirty_nodes_arrive_over_a_bus_of_900_frames_a_second(
+    many_nodes, bridge, station
+):
     used = many_nodes(count=30, parameters=20, frames_per_s=900)
     bridge(used.bus)
     ground = station()
     wait_for_infos(ground, range(1, 31))
-    asked_before = sum(node.requests["uavcan.protocol.param.GetSet"] for node in used.nodes.values())
+    asked_before = sum(
+        node.requests["uavcan.protocol.param.GetSet"] for node in used.nodes.values()
+    )
     seconds = fetch_all(ground, range(1, 31), 20, 15)
-    asked = sum(node.requests["uavcan.protocol.param.GetSet"] for node in used.nodes.values()) - asked_before
+    asked = (
+        sum(node.requests["uavcan.protocol.param.GetSet"] for node in used.nodes.values())
+        - asked_before
+    )
     print(f"30 nodes x 20 parameters at 900 frames/s: {seconds:.1f} s, {asked} requests")
     # 20 requests for each node, and up to 5 beyond the end of each list. More were sent twice.
     assert asked < 30 * 25 * 1.1
@@ -59,12 +69,16 @@ def test_all_parameters_arrive_from_a_node_that_takes_800_ms_to_answer(many_node
     assert value_of(ground.read("PARAMETER_03", component=42)) == 3
 
 
-def test_all_parameters_arrive_from_a_node_that_handles_one_request_in_800_ms(many_nodes, bridge, station):
+def test_all_parameters_arrive_from_a_node_that_handles_one_request_in_800_ms(
+    many_nodes, bridge, station
+):
     used = many_nodes([Node(42, integers(5), delay_s=0.8, one_at_a_time=True)])
     bridge(used.bus)
     ground = station()
     wait_for_infos(ground, [42])
-    print(f"5 parameters of 800 ms each, one after the other: {fetch_all(ground, [42], 5, 25):.1f} s")
+    print(
+        f"5 parameters of 800 ms each, one after the other: {fetch_all(ground, [42], 5, 25):.1f} s"
+    )
 
 
 def test_all_parameters_of_a_bus_with_126_nodes_arrive(many_nodes, bridge, station):
@@ -99,12 +113,21 @@ def test_parameters_and_statuses_share_a_narrow_channel(many_nodes, bridge, stat
         assert time.monotonic() < start + 30, f"{len(missing)} of {parameters} are missing"
         if len(acks) < time.monotonic() - start:
             asked = time.monotonic()
-            assert ground.command(save, 1, component=1, heard=lambda m: note(m, times, missing)).result == ACCEPTED
+            assert (
+                ground.command(save, 1, component=1, heard=lambda m: note(m, times, missing)).result
+                == ACCEPTED
+            )
             acks.append(time.monotonic() - asked)
         note(ground.receive(), times, missing)
     seconds = time.monotonic() - start
-    gaps = {kind: max(worst_gaps(heard, start, time.monotonic()).values()) for kind, heard in times.items()}
-    print(f"50 parameters: {seconds:.1f} s; worst gaps {gaps}; slowest acknowledgement {max(acks):.2f} s")
+    gaps = {
+        kind: max(worst_gaps(heard, start, time.monotonic()).values())
+        for kind, heard in times.items()
+    }
+    print(
+        f"50 parameters: {seconds:.1f} s; worst gaps {gaps}; slowest acknowledgement "
+        f"{max(acks):.2f} s"
+    )
     assert seconds < 12
     assert gaps["UAVCAN_NODE_STATUS"] < 1.5
     assert gaps["HEARTBEAT"] < 4

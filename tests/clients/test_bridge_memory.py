@@ -16,7 +16,8 @@ from ground import SYSTEM, Station, as_float, mavlink
 from many_nodes import Node, integers
 
 CHURN_S = float(os.environ.get("CHURN_S", 60))
-# Time until each kind of object has existed once: the bridge forgets nodes after 5 s, and a connection lasts for less than 2 s.
+# Time until each kind of object has existed once: the bridge forgets nodes after 5 s, and a
+# connection lasts for less than 2 s.
 WARM_UP_S = min(CHURN_S / 3, 300)
 NODES = 20
 # Memory that the allocator keeps after it was freed.
@@ -43,7 +44,9 @@ def test_the_memory_of_stations_and_nodes_that_leave_is_freed(many_nodes, bridge
         if choices.random() < 0.1:
             node.started = time.monotonic()
         if len(guests) < 8:
-            guests.append((time.monotonic() + choices.random() * 2, Station(f"tcp:127.0.0.1:{port}")))
+            guests.append(
+                (time.monotonic() + choices.random() * 2, Station(f"tcp:127.0.0.1:{port}"))
+            )
             came += 1
         for guest in [guest for guest in guests if guest[0] < time.monotonic()]:
             guests.remove(guest)
@@ -53,15 +56,38 @@ def test_the_memory_of_stations_and_nodes_that_leave_is_freed(many_nodes, bridge
             choices.choice(
                 [
                     lambda g: g.mav.param_request_list_send(SYSTEM, choices.randrange(NODES + 2)),
-                    lambda g: g.mav.param_set_send(SYSTEM, node.node_id, b"PARAMETER_03", as_float(came), mavlink.MAV_PARAM_TYPE_INT32),
-                    lambda g: g.mav.command_long_send(SYSTEM, 0, mavlink.MAV_CMD_CAN_FORWARD, 0, 1, 0, 0, 0, 0, 0, 0),
-                    lambda g: g.mav.command_long_send(SYSTEM, node.node_id, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0),
+                    lambda g: g.mav.param_set_send(
+                        SYSTEM,
+                        node.node_id,
+                        b"PARAMETER_03",
+                        as_float(came),
+                        mavlink.MAV_PARAM_TYPE_INT32,
+                    ),
+                    lambda g: g.mav.command_long_send(
+                        SYSTEM, 0, mavlink.MAV_CMD_CAN_FORWARD, 0, 1, 0, 0, 0, 0, 0, 0
+                    ),
+                    lambda g: g.mav.command_long_send(
+                        SYSTEM,
+                        node.node_id,
+                        mavlink.MAV_CMD_PREFLIGHT_STORAGE,
+                        0,
+                        1,
+                        0,
+                        0,
+                        0,
+                        0,
+                        0,
+                        0,
+                    ),
                     lambda g: g.mav.file.write(os.urandom(40)),
                 ]
             )(guest)
         # A station on UDP that sends only one message.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stray:
-            stray.sendto(ground.mav.heartbeat_encode(6, 8, 0, 0, 4).pack(ground.mav), ("127.0.0.1", bridge.port))
+            stray.sendto(
+                ground.mav.heartbeat_encode(6, 8, 0, 0, 4).pack(ground.mav),
+                ("127.0.0.1", bridge.port),
+            )
         ground.gather(0.1)
         if time.monotonic() > start + WARM_UP_S:
             sizes.append(resident_kb(started.process))

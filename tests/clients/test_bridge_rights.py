@@ -43,7 +43,9 @@ def test_a_read_only_bridge_changes_nothing(node, bridge, station):
     for component in (NODE, 0):
         assert ground.command(SAVE, 1, component=component).result == DENIED
     assert ground.command(RESTART, 1, component=NODE).result == DENIED
-    assert ground.command(CAN_FORWARD, 1, component=0).result == ACCEPTED, "reading the bus changes nothing"
+    assert ground.command(CAN_FORWARD, 1, component=0).result == ACCEPTED, (
+        "reading the bus changes nothing"
+    )
     send_frame(ground)
     ground.gather(0.5)
     assert node.node.parameters["PARAMETER_01"] == ("integer_value", 1) and not requests(node.node)
@@ -62,7 +64,9 @@ def test_frames_are_forwarded_only_with_allow_can(node, bridge, station):
 
 def send_frame(ground):
     """A NodeStatus of node 30, sent by a ground station."""
-    ground.mav.can_frame_send(SYSTEM, BRIDGE, 0, 8, 0x9801551E, list(struct.pack("<IBHB", 1, 0, 0, 0xC0)))
+    ground.mav.can_frame_send(
+        SYSTEM, BRIDGE, 0, 8, 0x9801551E, list(struct.pack("<IBHB", 1, 0, 0, 0xC0))
+    )
 
 
 def sources(used):
@@ -160,10 +164,14 @@ def signed_restart():
     return mav.command_long_encode(1, NODE, restart, 0, 1, 0, 0, 0, 0, 0, 0).pack(mav)
 
 
-def test_a_connection_that_does_not_sign_receives_nothing_and_is_closed(node, bridge, station, tmp_path):
+def test_a_connection_that_does_not_sign_receives_nothing_and_is_closed(
+    node, bridge, station, tmp_path
+):
     (tmp_path / "key").write_text("correct horse\n")
     port = free_port()
-    bridge(node.bus, "--signing-key", tmp_path / "key", channels=[f"tcpin:{port}"]).wait_for_text("node 42 is org.")
+    bridge(node.bus, "--signing-key", tmp_path / "key", channels=[f"tcpin:{port}"]).wait_for_text(
+        "node 42 is org."
+    )
     new_station = socket.create_connection(("127.0.0.1", port))
     new_station.settimeout(15)
     before = time.monotonic()
@@ -208,7 +216,9 @@ def test_port_0_chooses_a_free_port_and_prints_it(node, bridge, station):
 
 
 def test_an_unknown_host_does_not_delay_other_channels(node, bridge, station):
-    started = bridge(node.bus, "--wait", channels=["udpout:no.such.host.invalid:1", f"udpin:{bridge.port}"])
+    started = bridge(
+        node.bus, "--wait", channels=["udpout:no.such.host.invalid:1", f"udpin:{bridge.port}"]
+    )
     ground = station()
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
     assert len(ground.parameters(NODE)) == 3

@@ -22,7 +22,9 @@ VERTIQ = 0x55
 
 @dataclasses.dataclass
 class ArduPilotNode(Node):
-    """A node with AP_Periph's rules for tunnel.Targetted. The device on its port answers in upper case."""
+    """A node with AP_Periph's rules for tunnel.Targetted. The device on its port answers in upper
+    case.
+    """
 
     told_s: float = 3.0
     # The port that was requested last. The default port is number 3.
@@ -35,7 +37,10 @@ class ArduPilotNode(Node):
     written: bytearray = dataclasses.field(default_factory=bytearray)
 
     def hear(self, message, source):
-        if dronecan.get_dronecan_data_type(message) != TARGETTED or message.target_node != self.node_id:
+        if (
+            dronecan.get_dronecan_data_type(message) != TARGETTED
+            or message.target_node != self.node_id
+        ):
             return []
         self.asked_by, self.asked_at = source, time.monotonic()
         self.port = 3 if message.serial_id == -1 else message.serial_id
@@ -46,7 +51,9 @@ class ArduPilotNode(Node):
         return self.say(bytes(message.buffer).upper(), message.protocol.protocol)
 
     def say(self, text, protocol=2):
-        """Messages with what its device sends, to the node that sent a request in the last three seconds."""
+        """Messages with what its device sends, to the node that sent a request in the last three
+        seconds.
+        """
         if not text or time.monotonic() > self.asked_at + self.told_s:
             return []
         reply = TARGETTED(target_node=self.asked_by, serial_id=self.port, baudrate=115200)
@@ -60,7 +67,10 @@ class VertiqNode(Node):
     """A module that answers bytes of its protocol with tunnel.Broadcast."""
 
     def hear(self, message, source):
-        if dronecan.get_dronecan_data_type(message) != BROADCAST or message.protocol.protocol != VERTIQ:
+        if (
+            dronecan.get_dronecan_data_type(message) != BROADCAST
+            or message.protocol.protocol != VERTIQ
+        ):
             return []
         reply = BROADCAST(channel_id=message.channel_id)
         reply.protocol.protocol = VERTIQ
@@ -135,7 +145,14 @@ def test_bytes_from_or_to_other_nodes_do_not_come_out(many_nodes, bridge, port):
 
 def test_two_tunnels_work_one_of_them_by_broadcast(many_nodes, bridge, port):
     nodes = [ArduPilotNode(42, {}), VertiqNode(43, {})]
-    started = bridge(many_nodes(nodes).bus, "--tunnel", "42:port", "--tunnel", "43:motor,broadcast=0x55", channels=[])
+    started = bridge(
+        many_nodes(nodes).bus,
+        "--tunnel",
+        "42:port",
+        "--tunnel",
+        "43:motor,broadcast=0x55",
+        channels=[],
+    )
     started.wait_for_text("motor is the serial port of node 43")
     line, motor = port(), port("motor")
     text = bytes(range(150))
@@ -156,18 +173,25 @@ def test_an_existing_file_is_kept_and_a_stale_link_is_replaced(many_nodes, bridg
     (tmp_path / "port").symlink_to("/dev/pts/no-such")
     started = bridge(used.bus, "--tunnel", "42:port", channels=[])
     started.wait_for_text("is the serial port of node 42")
-    assert termios.tcgetattr(os.open(tmp_path / "port", os.O_RDWR | os.O_NOCTTY))[3] & termios.ECHO == 0
+    assert (
+        termios.tcgetattr(os.open(tmp_path / "port", os.O_RDWR | os.O_NOCTTY))[3] & termios.ECHO
+        == 0
+    )
     assert started.end() == 0
     assert not os.path.lexists(tmp_path / "port")
 
 
 def test_the_gui_tool_s_serial_port_works_through_the_bridge(many_nodes, bridge):
-    """Its panel "Serial Forwarding" uses pydronecan's DroneCANSerial. With `mavcan:` it reaches a bus through MAVLink."""
+    """Its panel "Serial Forwarding" uses pydronecan's DroneCANSerial. With `mavcan:` it reaches a
+    bus through MAVLink.
+    """
     node = ArduPilotNode(42, {})
     port = free_port()
     bridge(many_nodes([node]).bus, "--allow-can", channels=[f"udpout:127.0.0.1:{port}"])
     client = Client(f"mavcan:udpin:127.0.0.1:{port}", 127)
-    client.spin_until(lambda: client.wait_for(uavcan.protocol.NodeStatus, source=42), "status of node 42")
+    client.spin_until(
+        lambda: client.wait_for(uavcan.protocol.NodeStatus, source=42), "status of node 42"
+    )
     line = DroneCANSerial(None, 42, -1, node=client.node, baudrate=115200)
     line.write(b"hello from the tool")
     received = bytearray()

@@ -1,9 +1,22 @@
-"""draft.py and pydronecan produce the bytes of the draft of 2014 that the Rust tests quote, and its signatures."""
+"""draft.py and pydronecan produce the bytes of the draft of 2014 that the Rust tests quote, and its
+signatures.
+"""
 
 import re
 
 import pytest
-from draft import BROADCAST, REQUEST, RESPONSE, fields, frames, identifier, new, pack, signature, unpack
+from draft import (
+    BROADCAST,
+    REQUEST,
+    RESPONSE,
+    fields,
+    frames,
+    identifier,
+    new,
+    pack,
+    signature,
+    unpack,
+)
 
 from conftest import ROOT
 
@@ -13,7 +26,14 @@ TOOL, NODE, AUTOPILOT = 127, 120, 1
 def status(uptime, code, vendor=None):
     """Without a vendor code, or with one of 32 bits, it is a NodeStatus as before 2015-03-19."""
     low = vendor or 0
-    whole = pack(new("NodeStatus", uptime_sec=uptime, status_code=code, vendor_specific_status_code=low & 0xFFFF))
+    whole = pack(
+        new(
+            "NodeStatus",
+            uptime_sec=uptime,
+            status_code=code,
+            vendor_specific_status_code=low & 0xFFFF,
+        )
+    )
     if vendor is None:
         return whole[:4]
     return whole if vendor <= 0xFFFF else whole + (vendor >> 16).to_bytes(2, "little")
@@ -55,8 +75,12 @@ def parameter(name="", *numbers):
 
 def node_info():
     response = new("GetNodeInfo", "response")
-    response.status = new("NodeStatus", uptime_sec=10, status_code=1, vendor_specific_status_code=0x1234)
-    response.software_version = new("SoftwareVersion", major=1, minor=2, optional_field_mask=1, vcs_commit=0xDEADBEEF)
+    response.status = new(
+        "NodeStatus", uptime_sec=10, status_code=1, vendor_specific_status_code=0x1234
+    )
+    response.software_version = new(
+        "SoftwareVersion", major=1, minor=2, optional_field_mask=1, vcs_commit=0xDEADBEEF
+    )
     response.hardware_version = new("HardwareVersion", major=1, minor=0, unique_id=list(range(16)))
     response.name.encode("org.example.servo")
     return pack(response)
@@ -74,7 +98,10 @@ FOUR = (1, 0.5), (2, -1.0), (3, 0.25), (4, 1.0)
 CASES = [
     (frames(550, BROADCAST, NODE, 3, status(0xABCDEF, 2)), "1135E00B EF CD AB 02"),
     (frames(550, BROADCAST, NODE, 3, status(0xABCDEF, 2, 0xBEEF)), "1135E00B EF CD AB 02 EF BE"),
-    (frames(550, BROADCAST, AUTOPILOT, 0, status(0xF012345, 3, 0xDEADBEEF)), "11340408 45 23 01 F3 EF BE AD DE"),
+    (
+        frames(550, BROADCAST, AUTOPILOT, 0, status(0xF012345, 3, 0xDEADBEEF)),
+        "11340408 45 23 01 F3 EF BE AD DE",
+    ),
     (frames(760, BROADCAST, AUTOPILOT, 1, [90]), "17C40409 5A"),
     (frames(761, BROADCAST, NODE, 0, [23]), "17CDE008 17"),
     (frames(265, BROADCAST, AUTOPILOT, 1, commands(*FOUR[:1])), "084C0409 01 00 38"),
@@ -86,9 +113,12 @@ CASES = [
     (frames(551, REQUEST, TOOL, 0, b"", NODE), "113BFC08 78"),
     (
         frames(551, RESPONSE, NODE, 5, node_info(), TOOL, "GetNodeInfo"),
-        "1139E005 7F 7F 9B 0A 00 00 01 34 | 1139E015 7F 12 01 02 01 EF BE AD | 1139E025 7F DE 00 00 00 00 00 00 | "
-        "1139E035 7F 00 00 01 00 00 01 02 | 1139E045 7F 03 04 05 06 07 08 09 | 1139E055 7F 0A 0B 0C 0D 0E 0F 00 | "
-        "1139E065 7F 6F 72 67 2E 65 78 61 | 1139E075 7F 6D 70 6C 65 2E 73 65 | 1139E08D 7F 72 76 6F",
+        "1139E005 7F 7F 9B 0A 00 00 01 34 | 1139E015 7F 12 01 02 01 EF BE AD | 1139E025 7F DE 00 "
+        "00 00 00 00 00 | "
+        "1139E035 7F 00 00 01 00 00 01 02 | 1139E045 7F 03 04 05 06 07 08 09 | 1139E055 7F 0A 0B "
+        "0C 0D 0E 0F 00 | "
+        "1139E065 7F 6F 72 67 2E 65 78 61 | 1139E075 7F 6D 70 6C 65 2E 73 65 | 1139E08D 7F 72 76 "
+        "6F",
     ),
     (frames(560, REQUEST, TOOL, 6, restart(), NODE), "1183FC0E 78 1E 1B 55 CE AC"),
     (frames(560, RESPONSE, NODE, 6, restarted(True), TOOL), "1181E00E 7F 80"),
@@ -100,27 +130,43 @@ CASES = [
     ),
     (
         frames(599, REQUEST, TOOL, 2, get_set("OUT1_MIN", int=1100), NODE, "GetSet"),
-        "12BBFC02 78 2A F5 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 04 F5 55 | 12BBFC2A 78 43 15 F4 D4 94 E0",
+        "12BBFC02 78 2A F5 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 04 F5 55 | 12BBFC2A 78 43 15 "
+        "F4 D4 94 E0",
     ),
     (
         frames(599, REQUEST, TOOL, 3, get_set("ARM_REQ", bool=True), NODE, "GetSet"),
         "12BBFC03 78 86 E9 C0 02 0A 92 6A | 12BBFC1B 78 FA 92 2A 88",
     ),
-    (frames(599, REQUEST, TOOL, 4, get_set("X", float=1.5), NODE), "12BBFC0C 78 20 00 18 07 E0 05 80"),
-    (frames(599, REQUEST, TOOL, 5, get_set("X", string="abc"), NODE), "12BBFC0D 78 10 D8 58 98 C0 16 00"),
     (
-        frames(599, RESPONSE, NODE, 2, parameter("OUT1_MIN", 1100, 1000, 2500, -500), TOOL, "GetSet"),
-        "12B9E002 7F 44 B2 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | "
-        "12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 4F 55 54 31 5F 4D | "
+        frames(599, REQUEST, TOOL, 4, get_set("X", float=1.5), NODE),
+        "12BBFC0C 78 20 00 18 07 E0 05 80",
+    ),
+    (
+        frames(599, REQUEST, TOOL, 5, get_set("X", string="abc"), NODE),
+        "12BBFC0D 78 10 D8 58 98 C0 16 00",
+    ),
+    (
+        frames(
+            599, RESPONSE, NODE, 2, parameter("OUT1_MIN", 1100, 1000, 2500, -500), TOOL, "GetSet"
+        ),
+        "12B9E002 7F 44 B2 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 "
+        "00 00 00 71 02 | "
+        "12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 4F "
+        "55 54 31 5F 4D | "
         "12B9E06A 7F 49 4E",
     ),
     (frames(599, RESPONSE, NODE, 2, parameter(), TOOL), "12B9E00A 7F 00 00"),
 ]
 
 
-@pytest.mark.parametrize("made, quoted", CASES, ids=[quoted.split(" ", 1)[0] for _, quoted in CASES])
+@pytest.mark.parametrize(
+    "made, quoted", CASES, ids=[quoted.split(" ", 1)[0] for _, quoted in CASES]
+)
 def test_the_rust_tests_quote_these_frames_of_the_draft(made, quoted):
-    assert " | ".join(f"{can_id:08X} {data.hex(' ').upper()}".strip() for can_id, data in made) == quoted
+    assert (
+        " | ".join(f"{can_id:08X} {data.hex(' ').upper()}".strip() for can_id, data in made)
+        == quoted
+    )
     text = re.sub(r"\\\n\s*", "", (ROOT / "host/src/draft/tests.rs").read_text())
     assert f'"{quoted}"' in text
 
@@ -140,7 +186,9 @@ def test_the_signatures_equal_those_of_the_definitions(constant, name):
     text = (ROOT / "host/src/draft/types.rs").read_text()
     digits = f"{signature(name):016X}"
     number = "0x" + "_".join(digits[at : at + 4] for at in range(0, 16, 4))
-    wanted = rf"pub const {constant}:.*{number}" if constant else rf'"draft.actuator.{name}", {number}'
+    wanted = (
+        rf"pub const {constant}:.*{number}" if constant else rf'"draft.actuator.{name}", {number}'
+    )
     assert re.search(wanted, text), f"{name} {number}"
 
 
@@ -151,12 +199,14 @@ def test_the_thesis_s_identifier_has_the_fields_that_the_thesis_states():
 
 def test_packed_values_can_be_unpacked():
     message = unpack("NodeStatus", status(0xF012345, 3, 0x1234))
-    assert (message.uptime_sec, message.status_code, message.vendor_specific_status_code) == (0xF012345, 3, 0x1234)
+    assert (message.uptime_sec, message.status_code, message.vendor_specific_status_code) == (
+        0xF012345,
+        3,
+        0x1234,
+    )
     response = unpack("GetSet", parameter("OUT1_MIN", 1100, 1000, 2500, -500), "response")
-    assert [v.value_int[0] for v in (response.value, response.default_value, response.max_value, response.min_value)] == [
-        1100,
-        1000,
-        2500,
-        -500,
-    ]
+    assert [
+        v.value_int[0]
+        for v in (response.value, response.default_value, response.max_value, response.min_value)
+    ] == [1100, 1000, 2500, -500]
     assert response.name.decode() == "OUT1_MIN"

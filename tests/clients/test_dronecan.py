@@ -46,7 +46,9 @@ def test_an_array_command_moves_the_servo_to_the_right_pulse(bench, command_type
 
 
 def test_the_node_handles_what_the_gui_tool_sends(bench):
-    """Its actuator panel sends an empty array while no channel is ticked, and several frames for two channels."""
+    """Its actuator panel sends an empty array while no channel is ticked, and several frames for
+    two channels.
+    """
     used = bench()
     client = used.dronecan()
     for _ in range(10):
@@ -74,7 +76,9 @@ def test_two_clients_and_the_node_share_the_bus(bench):
     first, second = used.dronecan(0, 10), used.dronecan(1, 11)
     first.node.broadcast(uavcan.protocol.NodeStatus(uptime_sec=77))
     heard = []
-    second.node.add_handler(uavcan.protocol.NodeStatus, lambda event: heard.append(event.transfer.source_node_id))
+    second.node.add_handler(
+        uavcan.protocol.NodeStatus, lambda event: heard.append(event.transfer.source_node_id)
+    )
 
     def both():
         first.spin(0.05)

@@ -12,7 +12,12 @@ from conftest import ROOT, TARGET
 def script(name, *arguments):
     """Runs a script without cargo, so that it cannot build."""
     line = [ROOT / "scripts" / name, *arguments]
-    return subprocess.run(line, capture_output=True, text=True, env={"PATH": "/usr/bin:/bin", "CARGO_TARGET_DIR": str(TARGET)})
+    return subprocess.run(
+        line,
+        capture_output=True,
+        text=True,
+        env={"PATH": "/usr/bin:/bin", "CARGO_TARGET_DIR": str(TARGET)},
+    )
 
 
 def firmware(*arguments):
@@ -23,7 +28,9 @@ def firmware(*arguments):
 def test_a_wrong_feature_is_answered_with_the_valid_ones(wrong):
     done = firmware("default", wrong)
     assert done.returncode == 1 and done.stdout == "" and done.stderr.count("\n") == 1, done
-    assert "default, full, remote, thesis, none" in done.stderr and "allocation, button" in done.stderr, done
+    assert (
+        "default, full, remote, thesis, none" in done.stderr and "allocation, button" in done.stderr
+    ), done
 
 
 @pytest.mark.parametrize(
@@ -43,8 +50,15 @@ def test_each_set_of_features_has_its_own_elf(features, name):
 @pytest.mark.parametrize(
     ("wrong", "right"),
     [
-        (["--board", "unu"], "BOARD=unu is wrong. Use one of diecimila, nano168, uno, nano, nano-new, duemilanove, promini."),
-        (["--shield", "seed"], "SHIELD=seed is wrong. Use one of seeed, seeed-v1.0, sparkfun, module, module-16mhz."),
+        (
+            ["--board", "unu"],
+            "BOARD=unu is wrong. Use one of diecimila, nano168, uno, nano, nano-new, duemilanove, "
+            "promini.",
+        ),
+        (
+            ["--shield", "seed"],
+            "SHIELD=seed is wrong. Use one of seeed, seeed-v1.0, sparkfun, module, module-16mhz.",
+        ),
         (["--cs", "D13"], "Use one of D5, D6, D7, D8, D9, D10, A1, A2, A3, A4, A5."),
         (["--int", "D4"], "use D2 or D3"),
         (["--crystal", "12"], "use 8 or 16"),
@@ -53,7 +67,12 @@ def test_each_set_of_features_has_its_own_elf(features, name):
 )
 def test_a_wrong_board_or_pin_is_answered_with_the_valid_ones(wrong, right):
     done = firmware(*wrong)
-    assert done.returncode == 1 and done.stdout == "" and right in done.stderr and done.stderr.count("\n") == 1, done
+    assert (
+        done.returncode == 1
+        and done.stdout == ""
+        and right in done.stderr
+        and done.stderr.count("\n") == 1
+    ), done
 
 
 @pytest.mark.parametrize(
@@ -62,7 +81,22 @@ def test_a_wrong_board_or_pin_is_answered_with_the_valid_ones(wrong, right):
         (["--board", "uno", "--shield", "module"], "uno-module"),
         (["--board", "uno", "--shield", "module", "full"], "uno-module"),
         (["--board", "uno", "default"], "uno-seeed-default"),
-        (["--board", "nano", "--shield", "module", "--cs", "d8", "--int", "D3", "--crystal", "16MHz", "stats"], "nano-module-csD8-intD3-16MHz-stats"),
+        (
+            [
+                "--board",
+                "nano",
+                "--shield",
+                "module",
+                "--cs",
+                "d8",
+                "--int",
+                "D3",
+                "--crystal",
+                "16MHz",
+                "stats",
+            ],
+            "nano-module-csD8-intD3-16MHz-stats",
+        ),
         (["--shield", "module", "--cs", "D10", "--crystal", "8"], "diecimila-module"),
     ],
 )
@@ -76,8 +110,13 @@ def test_the_drawings_match_the_table_of_boards():
 
 
 def test_flash_checks_the_port_before_anything_else():
-    for port, answer in [("/dev/no-such", "PORT=/dev/no-such does not exist."), (__file__, "is no serial port.")]:
-        done = subprocess.run(["make", "flash", f"PORT={port}"], cwd=ROOT, capture_output=True, text=True, timeout=5)
+    for port, answer in [
+        ("/dev/no-such", "PORT=/dev/no-such does not exist."),
+        (__file__, "is no serial port."),
+    ]:
+        done = subprocess.run(
+            ["make", "flash", f"PORT={port}"], cwd=ROOT, capture_output=True, text=True, timeout=5
+        )
         assert done.returncode == 2 and answer in done.stderr and "machine" in done.stderr, done
     # A terminal is accepted as a port; the board's name is wrong.
     keyboard, port = pty.openpty()

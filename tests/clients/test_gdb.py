@@ -1,6 +1,7 @@
 """avr-gdb attached to the running simulator.
 
-It debugs a firmware that the linker has not relaxed: in the one that ships, line numbers are wrong (docs/bench.md).
+It debugs a firmware that the linker has not relaxed: in the one that ships, line numbers are wrong
+(docs/bench.md).
 """
 
 import re
@@ -15,7 +16,15 @@ from conftest import TIMEOUT_S, free_port, node_elf, project_program, wait_until
 
 
 def debug(used, port, *commands, **options):
-    line = ["avr-gdb", "-nx", "-batch", "-ex", "set tcp connect-timeout 10", "-ex", f"target remote localhost:{port}"]
+    line = [
+        "avr-gdb",
+        "-nx",
+        "-batch",
+        "-ex",
+        "set tcp connect-timeout 10",
+        "-ex",
+        f"target remote localhost:{port}",
+    ]
     for command in commands:
         line += ["-ex", command]
     return used.run(*line, node_elf(gdb=True), **options)
@@ -33,16 +42,30 @@ def debugged(bench):
 
 
 def test_lines_of_the_debug_information_begin_at_instructions():
-    """In the shipped ELF they do not: the linker moves code when it relaxes calls, and does not correct the line table."""
+    """In the shipped ELF they do not: the linker moves code when it relaxes calls, and does not
+    correct the line table.
+    """
 
     def dump(*options):
-        return subprocess.run(["avr-objdump", *options, node_elf(gdb=True)], capture_output=True, text=True, check=True).stdout
+        return subprocess.run(
+            ["avr-objdump", *options, node_elf(gdb=True)],
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
 
-    instructions = {int(address, 16) for address in re.findall(r"^ *([0-9a-f]+):\t", dump("-d"), re.M)}
-    lines = [int(address, 16) for address in re.findall(r"^\S+ +\d+ +(0x[0-9a-f]+)\b", dump("--dwarf=decodedline"), re.M)]
+    instructions = {
+        int(address, 16) for address in re.findall(r"^ *([0-9a-f]+):\t", dump("-d"), re.M)
+    }
+    lines = [
+        int(address, 16)
+        for address in re.findall(r"^\S+ +\d+ +(0x[0-9a-f]+)\b", dump("--dwarf=decodedline"), re.M)
+    ]
     inside = [address for address in lines if address not in instructions]
     # Functions that the linker removed have address 0.
-    assert len(lines) > 500 and len(inside) < len(lines) / 200, f"{len(inside)} of {len(lines)} are inside an instruction"
+    assert len(lines) > 500 and len(inside) < len(lines) / 200, (
+        f"{len(inside)} of {len(lines)} are inside an instruction"
+    )
 
 
 def test_the_node_stops_at_a_breakpoint_and_continues(debugged):
@@ -59,7 +82,9 @@ def test_the_node_stops_at_a_breakpoint_and_continues(debugged):
         "delete",
         "detach",
     )
-    assert "Breakpoint 1" in text and "Node::tick" in text and "#1" in text and "$1 = " in text, text
+    assert "Breakpoint 1" in text and "Node::tick" in text and "#1" in text and "$1 = " in text, (
+        text
+    )
     # The node continues as if it had not been stopped.
     client = used.dronecan()
     uptimes = [status.uptime_sec for status in client.gather(uavcan.protocol.NodeStatus, 3)]
@@ -94,5 +119,15 @@ def test_the_bus_stops_while_the_node_is_halted(debugged):
 
 def test_the_error_for_a_port_in_use_has_the_port(debugged):
     used, port = debugged()
-    text = used.run(project_program("sim"), "--plain", "--for", "1s", "--gdb", port, "--elf", node_elf(), check=False)
+    text = used.run(
+        project_program("sim"),
+        "--plain",
+        "--for",
+        "1s",
+        "--gdb",
+        port,
+        "--elf",
+        node_elf(),
+        check=False,
+    )
     assert str(port) in text and "in use" in text, text

@@ -24,7 +24,9 @@ def commands(*all_commands):
 
 
 def node_status():
-    message = uavcan.protocol.NodeStatus(uptime_sec=0x12345678, health=1, mode=0, vendor_specific_status_code=0xBEEF)
+    message = uavcan.protocol.NodeStatus(
+        uptime_sec=0x12345678, health=1, mode=0, vendor_specific_status_code=0xBEEF
+    )
     return message
 
 
@@ -40,9 +42,14 @@ def get_set(name="", index=0, **value):
 
 def parameter(name="", *numbers):
     """A GetSet response: value, default, maximum, minimum."""
-    value, default, highest, lowest = [{"integer_value": number} for number in numbers] or [{"empty": EMPTY}] * 4
+    value, default, highest, lowest = [{"integer_value": number} for number in numbers] or [
+        {"empty": EMPTY}
+    ] * 4
     response = protocol.param.GetSet.Response(name=name)
-    response.value, response.default_value = protocol.param.Value(**value), protocol.param.Value(**default)
+    response.value, response.default_value = (
+        protocol.param.Value(**value),
+        protocol.param.Value(**default),
+    )
     response.max_value = protocol.param.NumericValue(**highest)
     response.min_value = protocol.param.NumericValue(**lowest)
     return response
@@ -52,7 +59,9 @@ def lights(*all_lights):
     message = uavcan.equipment.indication.LightsCommand()
     for light_id, red, green, blue in all_lights:
         color = uavcan.equipment.indication.RGB565(red=red, green=green, blue=blue)
-        message.commands.append(uavcan.equipment.indication.SingleLightCommand(light_id=light_id, color=color))
+        message.commands.append(
+            uavcan.equipment.indication.SingleLightCommand(light_id=light_id, color=color)
+        )
     return message
 
 
@@ -64,7 +73,9 @@ def raw_command(*throttles):
 
 
 def transport_stats():
-    stats = protocol.GetTransportStats.Response(transfers_tx=1, transfers_rx=0x123456789ABC, transfer_errors=3)
+    stats = protocol.GetTransportStats.Response(
+        transfers_tx=1, transfers_rx=0x123456789ABC, transfer_errors=3
+    )
     stats.can_iface_stats.append(protocol.CANIfaceStats(frames_tx=4, frames_rx=5, errors=6))
     return stats
 
@@ -139,18 +150,33 @@ CASES = {
         120,
         24,
         3,
-        "18015778 63 D2 00 04 03 02 01 83 | 01 00 02 00 03 00 04 23 | 00 05 00 0D 0C 0B 0A 03 | 06 00 07 00 08 00 63",
+        "18015778 63 D2 00 04 03 02 01 83 | 01 00 02 00 03 00 04 23 | 00 05 00 0D 0C 0B 0A 03 | 06 "
+        "00 07 00 08 00 63",
     ),
-    "KeyValue": (lambda: protocol.debug.KeyValue(value=3.0, key="btn"), 120, 24, 1, "183FF278 00 00 40 40 62 74 6E C1"),
+    "KeyValue": (
+        lambda: protocol.debug.KeyValue(value=3.0, key="btn"),
+        120,
+        24,
+        1,
+        "183FF278 00 00 40 40 62 74 6E C1",
+    ),
     "CircuitStatus": (
-        lambda: uavcan.equipment.power.CircuitStatus(circuit_id=0x1234, voltage=12.6, current=-3.2, error_flags=6),
+        lambda: uavcan.equipment.power.CircuitStatus(
+            circuit_id=0x1234, voltage=12.6, current=-3.2, error_flags=6
+        ),
         120,
         24,
         5,
         "18044378 34 12 4D 4A 66 C2 06 C5",
     ),
     "RawCommand of none": (raw_command, 1, 0, 4, "00040601 C4"),
-    "RawCommand of four": (lambda: raw_command(8191, -8192, 0, -1), 10, 7, 1, "0704060A FF 7C 02 00 00 3F FF C1"),
+    "RawCommand of four": (
+        lambda: raw_command(8191, -8192, 0, -1),
+        10,
+        7,
+        1,
+        "0704060A FF 7C 02 00 00 3F FF C1",
+    ),
     "RawCommand of eight": (
         lambda: raw_command(8191, -8192, 0, -1, 4096, 1, 100, 4660),
         10,
@@ -163,16 +189,36 @@ CASES = {
         10,
         7,
         3,
-        "0704060A 0D 57 90 04 80 3B 01 83 | 10 06 D0 1D 80 9F 02 23 | A0 0C 10 3A 80 F3 04 03 | 70 12 50 53 81 57 05 23 | "
+        "0704060A 0D 57 90 04 80 3B 01 83 | 10 06 D0 1D 80 9F 02 23 | A0 0C 10 3A 80 F3 04 03 | 70 "
+        "12 50 53 81 57 05 23 | "
         "C0 19 90 68 81 CB 07 03 | 50 1F 63",
     ),
-    "SafetyState": (lambda: dronecan.ardupilot.indication.SafetyState(status=255), 10, 24, 2, "184E200A FF C2"),
-    "thesis.ServoCommand": (lambda: thirdparty.thesis.ServoCommand(position=90), 1, 16, 3, "10045701 5A C3"),
-    "thesis.DegreesCelsius": (lambda: thirdparty.thesis.DegreesCelsius(degrees=25), 120, 24, 1, "18045878 19 C1"),
+    "SafetyState": (
+        lambda: dronecan.ardupilot.indication.SafetyState(status=255),
+        10,
+        24,
+        2,
+        "184E200A FF C2",
+    ),
+    "thesis.ServoCommand": (
+        lambda: thirdparty.thesis.ServoCommand(position=90),
+        1,
+        16,
+        3,
+        "10045701 5A C3",
+    ),
+    "thesis.DegreesCelsius": (
+        lambda: thirdparty.thesis.DegreesCelsius(degrees=25),
+        120,
+        24,
+        1,
+        "18045878 19 C1",
+    ),
 }
 
 
-# Requests from node 127 to node 120 and the responses, as quoted in tests/services.rs and in the tests of the simulator's decoder.
+# Requests from node 127 to node 120 and the responses, as quoted in tests/services.rs and in the
+# tests of the simulator's decoder.
 SERVICES = [
     (protocol.GetNodeInfo.Request, True, 3, "1E01F8FF C3"),
     (get_set, True, 0, "1E0BF8FF 00 00 C0"),
@@ -184,42 +230,81 @@ SERVICES = [
         4,
         "1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44",
     ),
-    (lambda: get_set("OUT1_MIN", real_value=1100.0), True, 5, "1E0BF8FF 3A DA 00 02 00 80 89 85 | 44 4F 55 54 31 5F 4D 25 | 49 4E 45"),
-    (lambda: get_set("ARM_REQ", boolean_value=1), True, 6, "1E0BF8FF 85 7E 00 03 01 41 52 86 | 4D 5F 52 45 51 66"),
-    (lambda: get_set("OUT1_MIN", string_value="abc"), True, 7, "1E0BF8FF 72 AD 00 04 03 61 62 87 | 63 4F 55 54 31 5F 4D 27 | 49 4E 47"),
+    (
+        lambda: get_set("OUT1_MIN", real_value=1100.0),
+        True,
+        5,
+        "1E0BF8FF 3A DA 00 02 00 80 89 85 | 44 4F 55 54 31 5F 4D 25 | 49 4E 45",
+    ),
+    (
+        lambda: get_set("ARM_REQ", boolean_value=1),
+        True,
+        6,
+        "1E0BF8FF 85 7E 00 03 01 41 52 86 | 4D 5F 52 45 51 66",
+    ),
+    (
+        lambda: get_set("OUT1_MIN", string_value="abc"),
+        True,
+        7,
+        "1E0BF8FF 72 AD 00 04 03 61 62 87 | 63 4F 55 54 31 5F 4D 27 | 49 4E 47",
+    ),
     (
         lambda: parameter("CAN_NODE", 120, 120, 125, 0),
         False,
         0,
         "1E0B7FF8 CE 06 01 78 00 00 00 80 | 00 00 00 00 01 78 00 20 | 00 00 00 00 00 00 01 00 | "
-        "7D 00 00 00 00 00 00 20 | 00 01 00 00 00 00 00 00 | 00 00 00 43 41 4E 5F 20 | 4E 4F 44 45 40",
+        "7D 00 00 00 00 00 00 20 | 00 01 00 00 00 00 00 00 | 00 00 00 43 41 4E 5F 20 | 4E 4F 44 45 "
+        "40",
     ),
     (
         lambda: parameter("OUT1_MIN", 1100, 1000, 2500, 500),
         False,
         4,
         "1E0B7FF8 00 32 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | "
-        "C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 4F 55 54 31 24 | 5F 4D 49 4E 44",
+        "C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 4F 55 54 31 24 | 5F 4D 49 4E "
+        "44",
     ),
     (
         lambda: parameter("OUT1_MIN", 1000, 1000, 2500, 500),
         False,
         5,
         "1E0B7FF8 69 5B 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 | "
-        "C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 4F 55 54 31 25 | 5F 4D 49 4E 45",
+        "C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 4F 55 54 31 25 | 5F 4D 49 4E "
+        "45",
     ),
     (
         lambda: parameter("TEMP_MIN", -40, -40, 150, -55),
         False,
         9,
         "1E0B7FF8 7E 1C 01 D8 FF FF FF 89 | FF FF FF FF 01 D8 FF 29 | FF FF FF FF FF FF 01 09 | "
-        "96 00 00 00 00 00 00 29 | 00 01 C9 FF FF FF FF 09 | FF FF FF 54 45 4D 50 29 | 5F 4D 49 4E 49",
+        "96 00 00 00 00 00 00 29 | 00 01 C9 FF FF FF FF 09 | FF FF FF 54 45 4D 50 29 | 5F 4D 49 4E "
+        "49",
     ),
     (parameter, False, 2, "1E0B7FF8 00 00 00 00 C2"),
-    (lambda: protocol.param.ExecuteOpcode.Request(opcode=0), True, 4, "1E0AF8FF 00 00 00 00 00 00 00 C4"),
-    (lambda: protocol.param.ExecuteOpcode.Request(opcode=1), True, 5, "1E0AF8FF 01 00 00 00 00 00 00 C5"),
-    (lambda: protocol.param.ExecuteOpcode.Response(ok=True), False, 4, "1E0A7FF8 00 00 00 00 00 00 80 C4"),
-    (lambda: protocol.RestartNode.Request(magic_number=0xACCE551B1E), True, 6, "1E05F8FF 1E 1B 55 CE AC C6"),
+    (
+        lambda: protocol.param.ExecuteOpcode.Request(opcode=0),
+        True,
+        4,
+        "1E0AF8FF 00 00 00 00 00 00 00 C4",
+    ),
+    (
+        lambda: protocol.param.ExecuteOpcode.Request(opcode=1),
+        True,
+        5,
+        "1E0AF8FF 01 00 00 00 00 00 00 C5",
+    ),
+    (
+        lambda: protocol.param.ExecuteOpcode.Response(ok=True),
+        False,
+        4,
+        "1E0A7FF8 00 00 00 00 00 00 80 C4",
+    ),
+    (
+        lambda: protocol.RestartNode.Request(magic_number=0xACCE551B1E),
+        True,
+        6,
+        "1E05F8FF 1E 1B 55 CE AC C6",
+    ),
     (lambda: protocol.RestartNode.Response(ok=True), False, 6, "1E057FF8 80 C6"),
     (lambda: protocol.RestartNode.Response(ok=False), False, 7, "1E057FF8 00 C7"),
     (
@@ -242,11 +327,17 @@ SERVICES = [
 
 def vector(message, source, priority, transfer_id):
     transfer = Transfer(
-        payload=message, source_node_id=source, transfer_id=transfer_id, transfer_priority=priority, service_not_message=False
+        payload=message,
+        source_node_id=source,
+        transfer_id=transfer_id,
+        transfer_priority=priority,
+        service_not_message=False,
     )
     frames = transfer.to_frames()
     (identifier,) = {frame.message_id for frame in frames}
-    return f"{identifier:08X} " + " | ".join(bytes(frame.bytes).hex(" ").upper() for frame in frames)
+    return f"{identifier:08X} " + " | ".join(
+        bytes(frame.bytes).hex(" ").upper() for frame in frames
+    )
 
 
 def with_joined_strings(path):
@@ -255,7 +346,9 @@ def with_joined_strings(path):
 
 
 @pytest.mark.parametrize("make, is_request, transfer_id, expected", SERVICES)
-def test_pydronecan_produces_the_quoted_requests_and_responses(make, is_request, transfer_id, expected):
+def test_pydronecan_produces_the_quoted_requests_and_responses(
+    make, is_request, transfer_id, expected
+):
     transfer = Transfer(
         payload=make(),
         source_node_id=127 if is_request else 120,
@@ -266,9 +359,15 @@ def test_pydronecan_produces_the_quoted_requests_and_responses(make, is_request,
         request_not_response=is_request,
     )
     frames = transfer.to_frames()
-    assert f"{frames[0].message_id:08X} " + " | ".join(bytes(f.bytes).hex(" ").upper() for f in frames) == expected
+    assert (
+        f"{frames[0].message_id:08X} " + " | ".join(bytes(f.bytes).hex(" ").upper() for f in frames)
+        == expected
+    )
     data = expected.split(" ", 1)[1]
-    assert any(f" {data}" in with_joined_strings(path) for path in ("tests/services.rs", "host/src/tests.rs"))
+    assert any(
+        f" {data}" in with_joined_strings(path)
+        for path in ("tests/services.rs", "host/src/tests.rs")
+    )
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -305,7 +404,10 @@ def test_the_rust_tests_quote_these_messages(file, name, quoted):
     if quoted == "whole":
         assert f'"{identifier} {data}"' in text
         return
-    numbers = [bytes(int(n, 16) for n in re.findall(r"0x([0-9A-F]{2})\b", found)) for found in re.findall(r"\[([^\]]*)\]", text)]
+    numbers = [
+        bytes(int(n, 16) for n in re.findall(r"0x([0-9A-F]{2})\b", found))
+        for found in re.findall(r"\[([^\]]*)\]", text)
+    ]
     for frame in data.split(" | "):
         wanted = bytes.fromhex(frame)
         assert (wanted[:-1] if quoted == "payload" else wanted) in numbers

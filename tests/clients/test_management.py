@@ -1,4 +1,6 @@
-"""pydronecan does what a GUI tool does with a node: information, parameters, save, restart, update, counters."""
+"""pydronecan does what a GUI tool does with a node: information, parameters, save, restart, update,
+counters.
+"""
 
 import re
 
@@ -12,9 +14,10 @@ protocol = uavcan.protocol
 UNITLESS, PWM = 0, 4
 
 PARAMETERS = [
-    "CAN_NODE", "CAN_BAUDRATE", "OUT1_ID", "OUT1_MIN", "OUT1_TRIM", "OUT1_MAX", "OUT1_REVERSED", "OUT_RATE", "OUT1_RANGE",
-    "OUT1_TIMEOUT", "OUT1_FS", "OUT1_FS_PWM", "ARM_REQ", "TELEM_RATE", "TEMP_RATE", "TEMP_ID", "TEMP_SENSOR", "TEMP_REF",
-    "TEMP_OFFSET", "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
+    "CAN_NODE", "CAN_BAUDRATE", "OUT1_ID", "OUT1_MIN", "OUT1_TRIM", "OUT1_MAX", "OUT1_REVERSED",
+    "OUT_RATE", "OUT1_RANGE", "OUT1_TIMEOUT", "OUT1_FS", "OUT1_FS_PWM", "ARM_REQ", "TELEM_RATE",
+    "TEMP_RATE", "TEMP_ID", "TEMP_SENSOR", "TEMP_REF", "TEMP_OFFSET",
+    "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
 ]  # fmt: skip
 
 
@@ -30,13 +33,17 @@ def read_all_parameters(client):
 def test_the_node_monitor_receives_the_node_s_information(bench):
     client = bench().dronecan()
     monitor = NodeMonitor(client.node)
-    client.spin_until(lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120")
+    client.spin_until(
+        lambda: monitor.exists(NODE) and monitor.get(NODE).info, "information of node 120"
+    )
     info = monitor.get(NODE).info
     name = str(info.name)
     assert re.fullmatch(r"org\.[a-z0-9._-]+", name) and len(name) <= 80
     assert (info.software_version.major, info.software_version.minor) == VERSION
     version = info.software_version
-    assert version.optional_field_flags == (version.OPTIONAL_FIELD_FLAG_VCS_COMMIT if version.vcs_commit else 0)
+    assert version.optional_field_flags == (
+        version.OPTIONAL_FIELD_FLAG_VCS_COMMIT if version.vcs_commit else 0
+    )
     unique_id = bytes(info.hardware_version.unique_id)
     assert len(unique_id) == 16 and len(set(unique_id)) > 4
     assert len(info.hardware_version.certificate_of_authenticity) == 0
@@ -52,13 +59,34 @@ def test_parameters_are_read_until_the_empty_name(bench):
         assert low <= response.default_value.integer_value <= high and low < high
         assert response.value.integer_value == response.default_value.integer_value, name
         by_name = client.parameter(name)
-        assert (by_name.name, by_name.value.integer_value) == (response.name, response.value.integer_value)
+        assert (by_name.name, by_name.value.integer_value) == (
+            response.name,
+            response.value.integer_value,
+        )
 
 
 def test_the_parameters_of_features_follow_the_others(bench):
     found = read_all_parameters(bench(elf=node_elf("full", board="uno")).dronecan())
-    singles = ["LIGHT_ID", "STATS_RATE", "DIALECT", "SAFE_MODE", "OUT_COUNT", "OUT1_TYPE", "PWR_RATE"]
-    circuit = ["ID", "VOLT_MULT", "VOLT_OFS", "AMP_PERVLT", "AMP_OFFSET", "VOLT_MIN", "VOLT_MAX", "AMP_MAX", "OUT"]
+    singles = [
+        "LIGHT_ID",
+        "STATS_RATE",
+        "DIALECT",
+        "SAFE_MODE",
+        "OUT_COUNT",
+        "OUT1_TYPE",
+        "PWR_RATE",
+    ]
+    circuit = [
+        "ID",
+        "VOLT_MULT",
+        "VOLT_OFS",
+        "AMP_PERVLT",
+        "AMP_OFFSET",
+        "VOLT_MIN",
+        "VOLT_MAX",
+        "AMP_MAX",
+        "OUT",
+    ]
     of_output = ["ID", "MIN", "TRIM", "MAX", "REVERSED", "RANGE", "TIMEOUT", "FS", "FS_PWM", "TYPE"]
     outputs = [f"OUT{output}_{name}" for output in range(2, 9) for name in of_output]
     assert list(found) == [*PARAMETERS, *singles, *(f"PWR1_{name}" for name in circuit), *outputs]
@@ -116,7 +144,11 @@ def test_an_invalid_value_is_answered_with_the_current_one(bench, name, value, i
 
 def test_an_unknown_parameter_gets_an_empty_answer(bench):
     client = bench().dronecan()
-    for response in (client.parameter("NO_SUCH_THING"), client.parameter(index=len(PARAMETERS)), client.parameter(index=8191)):
+    for response in (
+        client.parameter("NO_SUCH_THING"),
+        client.parameter(index=len(PARAMETERS)),
+        client.parameter(index=8191),
+    ):
         assert len(response.name) == 0
         assert dronecan_field(response.value) == "empty"
 
@@ -136,11 +168,18 @@ def test_five_requests_at_once_are_answered_in_order(bench):
         answers = []
         for index in range(first, first + 5):
             request = protocol.param.GetSet.Request(index=index)
-            client.node.request(request, NODE, lambda event, index=index: answers.append((index, event)), priority=30)
+            client.node.request(
+                request,
+                NODE,
+                lambda event, index=index: answers.append((index, event)),
+                priority=30,
+            )
         client.spin_until(lambda: len(answers) == 5 or autopilot.spin(0.01), "five answers")
         assert [index for index, _ in answers] == list(range(first, first + 5))
         assert all(event is not None for _, event in answers), "an answer is missing"
-        assert [str(event.response.name) for _, event in answers] == [*PARAMETERS, ""][first : first + 5]
+        assert [str(event.response.name) for _, event in answers] == [*PARAMETERS, ""][
+            first : first + 5
+        ]
     assert used.pulse_us() == 1600
 
 
@@ -192,7 +231,8 @@ def test_the_simulator_prints_requests_and_responses(bench):
         for line in [
             r"10>120 param\.GetSet request OUT1_MIN = 1100$",
             r"120>10 param\.GetSet response OUT1_MIN = 1100 \(500 to 2500, default 1000\)$",
-            rf"120>10 GetNodeInfo response org\.\S+ software {major}\.{minor} .*unique ID [0-9A-F]{{32}}$",
+            rf"120>10 GetNodeInfo response org\.\S+ software {major}\.{minor} .*unique ID "
+            rf"[0-9A-F]{{32}}$",
             r"10>120 param\.ExecuteOpcode request SAVE$",
             r"120>10 param\.ExecuteOpcode response ok$",
             r"120 actuator\.Status id 1 ",

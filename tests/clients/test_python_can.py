@@ -14,7 +14,9 @@ ADAPTER = ["-i", "slcan", "-b", "1000000", "-c"]
 
 
 def write_log(path, frames, gap_s=0.001):
-    path.write_text("".join(f"({index * gap_s:.6f}) can0 {frame}\n" for index, frame in enumerate(frames)))
+    path.write_text(
+        "".join(f"({index * gap_s:.6f}) can0 {frame}\n" for index, frame in enumerate(frames))
+    )
 
 
 def frames(path):
@@ -25,7 +27,14 @@ def frames(path):
 
 def start_logger(used, file):
     """Starts a can_logger on the first adapter. It prints its output only when it ends."""
-    logger = used.start("can_logger", *ADAPTER, used.slcan[0], "-f", file, env=dict(os.environ, PYTHONUNBUFFERED="1"))
+    logger = used.start(
+        "can_logger",
+        *ADAPTER,
+        used.slcan[0],
+        "-f",
+        file,
+        env=dict(os.environ, PYTHONUNBUFFERED="1"),
+    )
     for line in logger.stdout:
         if line.startswith(b"Can Logger"):
             break
@@ -38,8 +47,11 @@ def random_frames(count, seed):
     rng = random.Random(seed)
     made = []
     for index in range(count):
-        # Bit 7 is set, so the frame is a service for another node, which the node under test ignores.
-        identifier = f"{rng.getrandbits(21) << 8 | 0xA5:08X}" if index % 3 else f"{rng.getrandbits(11):03X}"
+        # Bit 7 is set, so the frame is a service for another node, which the node under test
+        # ignores.
+        identifier = (
+            f"{rng.getrandbits(21) << 8 | 0xA5:08X}" if index % 3 else f"{rng.getrandbits(11):03X}"
+        )
         made.append(f"{identifier}#{rng.randbytes(rng.randrange(9)).hex().upper()}")
     return made
 
@@ -78,7 +90,10 @@ def test_python_can_reads_timestamps_and_remote_frames(bench):
     import can
 
     used = bench(slcan=2)
-    buses = [can.Bus(interface="slcan", channel=str(path), bitrate=1_000_000, sleep_after_open=0.1) for path in used.slcan]
+    buses = [
+        can.Bus(interface="slcan", channel=str(path), bitrate=1_000_000, sleep_after_open=0.1)
+        for path in used.slcan
+    ]
     try:
         # python-can does not wait for the answers when it opens a channel. This waits.
         assert {bus.get_version(2) for bus in buses} == {(10, 13)}
@@ -93,7 +108,9 @@ def test_python_can_reads_timestamps_and_remote_frames(bench):
             while not (heard and heard.arbitration_id == message.arbitration_id):
                 assert time.monotonic() < end
                 heard = buses[1].recv(0.5)
-            assert heard.equals(message, timestamp_delta=None, check_channel=False, check_direction=False)
+            assert heard.equals(
+                message, timestamp_delta=None, check_channel=False, check_direction=False
+            )
         assert buses[0].get_serial_number(2) == "A123"
     finally:
         for bus in buses:

@@ -1,7 +1,8 @@
 """The recipes of the documents, run to the letter: recipes.py says how a page is read.
 
-Each section of a page is a test, in a network namespace of its own: so nothing leaves the machine, and a fixed port is free. `make install` is
-run as the page says, but into a directory of the test; the other recipes find the programs that the tests use as `sim`, `bridge` and `node-update`.
+Each section of a page is a test, in a network namespace of its own: so nothing leaves the machine,
+and a fixed port is free. `make install` is run as the page says, but into a directory of the test;
+the other recipes find the programs that the tests use as `sim`, `bridge` and `node-update`.
 """
 
 import os
@@ -15,14 +16,23 @@ import pytest
 import recipes
 from conftest import ROOT, namespace, project_program
 
-PAGES = {name: recipes.read_page(ROOT / "docs" / f"{name}.md") for name in ("bench", "bridge", "update", "utilisation")}
+PAGES = {
+    name: recipes.read_page(ROOT / "docs" / f"{name}.md")
+    for name in ("bench", "bridge", "update", "utilisation")
+}
 MARKS = {
     "quick": [pytest.mark.timeout(320)],
     "long": [pytest.mark.long, pytest.mark.timeout(3620)],
 }
 TIMEOUT_S = {"quick": 300, "long": 3600}
 CASES = [
-    pytest.param(name, title, mode, id="-".join([name, *re.findall(r"\w+", title), *([] if mode == "quick" else [mode])]), marks=MARKS[mode])
+    pytest.param(
+        name,
+        title,
+        mode,
+        id="-".join([name, *re.findall(r"\w+", title), *([] if mode == "quick" else [mode])]),
+        marks=MARKS[mode],
+    )
     for name, page in PAGES.items()
     for title in page.sections
     for mode in page.modes(title)
@@ -37,12 +47,18 @@ def environment(directory):
         (programs / name).symlink_to(project_program(name))
     home = pathlib.Path.home()
     return {
-        **{name: value for name, value in os.environ.items() if name not in ("NODE_ELF", "NODE_BOARD", "NODE_SHIELD", "MAVLINK20")},
+        **{
+            name: value
+            for name, value in os.environ.items()
+            if name not in ("NODE_ELF", "NODE_BOARD", "NODE_SHIELD", "MAVLINK20")
+        },
         "CARGO_HOME": os.environ.get("CARGO_HOME", str(home / ".cargo")),
         "RUSTUP_HOME": os.environ.get("RUSTUP_HOME", str(home / ".rustup")),
         "CARGO_INSTALL_ROOT": str(installed),
         "CARGO_TERM_COLOR": "never",
-        "RECIPES_PATH": os.pathsep.join([str(installed / "bin"), str(programs), os.environ["PATH"]]),
+        "RECIPES_PATH": os.pathsep.join(
+            [str(installed / "bin"), str(programs), os.environ["PATH"]]
+        ),
         "PYTHONUNBUFFERED": "1",
     }
 
@@ -51,8 +67,16 @@ def environment(directory):
 def test_the_recipes_of_a_section_do_what_the_page_says(name, title, mode, tmp_path):
     home = tmp_path / "home"
     home.mkdir()
-    as_root = [block.text for block in PAGES[name].sections[title] if "as root" in block.kinds and block.runs(mode)]
-    line = [*namespace("\n".join(["ip link set lo up", *as_root])), sys.executable, recipes.__file__]
+    as_root = [
+        block.text
+        for block in PAGES[name].sections[title]
+        if "as root" in block.kinds and block.runs(mode)
+    ]
+    line = [
+        *namespace("\n".join(["ip link set lo up", *as_root])),
+        sys.executable,
+        recipes.__file__,
+    ]
     done = subprocess.run(
         [*line, ROOT / "docs" / f"{name}.md", title, mode, home],
         stdout=subprocess.PIPE,
@@ -72,14 +96,20 @@ def test_commands_are_in_blocks_and_need_no_sudo_and_no_fixed_file(name):
     assert len(blocks) >= 3
     for text in blocks:
         assert "sudo" not in text and "/tmp" not in text, text
-    assert not re.findall(r"^    (?:sim|bridge|node-update|make|cargo) .*", (ROOT / "docs" / f"{name}.md").read_text(), re.M)
+    assert not re.findall(
+        r"^    (?:sim|bridge|node-update|make|cargo) .*",
+        (ROOT / "docs" / f"{name}.md").read_text(),
+        re.M,
+    )
 
 
 def test_a_page_is_read_according_to_its_comments(tmp_path):
     path = tmp_path / "page.md"
     path.write_text(
-        "## One\n\nTerminal 1:\n\n```sh\nserve\n```\n\nIn Terminal 2:\n\n<!-- recipe: long -->\n```sh\nask\n```\n\n"
-        "<!-- output: numbers vary -->\n```text\ntook 1.5 s ... OK\n```\n## Two\n\n<!-- recipe: needs a screen -->\n```sh\nlook\n```\n"
+        "## One\n\nTerminal 1:\n\n```sh\nserve\n```\n\nIn Terminal 2:\n\n<!-- recipe: long -->\n"
+        "```sh\nask\n```\n\n"
+        "<!-- output: numbers vary -->\n```text\ntook 1.5 s ... OK\n```\n## Two\n\n<!-- recipe: "
+        "needs a screen -->\n```sh\nlook\n```\n"
     )
     page = recipes.read_page(path)
     serve, ask = page.sections["One"]

@@ -51,7 +51,19 @@ def test_opening_the_port_resets_the_board(bench):
 
 def test_avrdude_uploads_through_the_original_bootloader(empty_board):
     used = empty_board
-    line = ["-c", "arduino", "-p", "m168", "-P", used.serial, "-b", "19200", "-D", "-U", f"flash:w:{node_elf()}:e"]
+    line = [
+        "-c",
+        "arduino",
+        "-p",
+        "m168",
+        "-P",
+        used.serial,
+        "-b",
+        "19200",
+        "-D",
+        "-U",
+        f"flash:w:{node_elf()}:e",
+    ]
     text = used.run("avrdude", *line)
     assert re.search(r"bytes of flash verified", text), text
     # The node runs if it sends on the bus.
@@ -67,16 +79,27 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_serial_monitor(empty_boar
     output = used.directory / "ravedude.txt"
 
     def shown():
-        """The output of ravedude's console. avrdude has closed the port before the console opens it."""
+        """The output of ravedude's console. avrdude has closed the port before the console opens
+        it.
+        """
         return output.read_text(errors="replace").partition(f"Console {used.serial}")[2]
 
     with open(output, "wb") as file:
         with open(TARGET / "firmware/lock", "w") as lock:
-            # The same lock as in scripts/firmware: no other build may start before avrdude has read the ELF.
+            # The same lock as in scripts/firmware: no other build may start before avrdude has read
+            # the ELF.
             fcntl.flock(lock, fcntl.LOCK_EX)
             cargo = used.start(*shlex.split(CARGO_RUN), cwd=ROOT, env=environment, stdout=file)
-            wait_until(lambda: b"flash written" in output.read_bytes() or cargo.poll() is not None, "written flash", timeout=120)
-        wait_until(lambda: "temperature +" in shown() or cargo.poll() is not None, "line of the monitor", timeout=120)
+            wait_until(
+                lambda: b"flash written" in output.read_bytes() or cargo.poll() is not None,
+                "written flash",
+                timeout=120,
+            )
+        wait_until(
+            lambda: "temperature +" in shown() or cargo.poll() is not None,
+            "line of the monitor",
+            timeout=120,
+        )
         # Like a terminal at Ctrl-C.
         os.killpg(cargo.pid, signal.SIGINT)
         exit_code = cargo.wait(10)
@@ -97,31 +120,79 @@ def test_cargo_upload_is_short_for_cargo_run():
 
 
 def optiboot(directory):
-    """Optiboot for the Uno, built like its own Makefile does, but without the flashes of the light: with them it is too long for its section.
-    The HEX file of the package runs past the end of the flash."""
-    source, elf, hex_file = BOOTLOADERS / "optiboot/optiboot.c", directory / "optiboot.elf", directory / "optiboot.hex"
-    flags = "-Os -fno-inline-small-functions -fno-split-wide-types -mshort-calls -mmcu=atmega328p -nostartfiles -nostdlib"
-    settings = "-DF_CPU=16000000L -DBAUD_RATE=115200 -DLED_START_FLASHES=0 -Wl,--section-start=.text=0x7e00 -Wl,--relax -w"
+    """Optiboot for the Uno, built like its own Makefile does, but without the flashes of the light:
+    with them it is too long for its section. The HEX file of the package runs past the end of the
+    flash."""
+    source, elf, hex_file = (
+        BOOTLOADERS / "optiboot/optiboot.c",
+        directory / "optiboot.elf",
+        directory / "optiboot.hex",
+    )
+    flags = (
+        "-Os -fno-inline-small-functions -fno-split-wide-types -mshort-calls -mmcu=atmega328p "
+        "-nostartfiles -nostdlib"
+    )
+    settings = (
+        "-DF_CPU=16000000L -DBAUD_RATE=115200 -DLED_START_FLASHES=0 "
+        "-Wl,--section-start=.text=0x7e00 -Wl,--relax -w"
+    )
     subprocess.run(["avr-gcc", *flags.split(), *settings.split(), source, "-o", elf], check=True)
     subprocess.run(["avr-objcopy", "-j", ".text", "-O", "ihex", elf, hex_file], check=True)
     return hex_file
 
 
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize(("board", "shield"), [("uno", "module"), ("nano", "seeed"), ("duemilanove", "seeed")])
+@pytest.mark.parametrize(
+    ("board", "shield"), [("uno", "module"), ("nano", "seeed"), ("duemilanove", "seeed")]
+)
 def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, tmp_path, board, shield):
-    bootloader = optiboot(tmp_path) if board == "uno" else BOOTLOADERS / "atmega/ATmegaBOOT_168_atmega328.hex"
-    used = bench("--bootloader", bootloader, "--no-program", "--board", board, "--shield", shield, serial=True, fresh=True)
+    bootloader = (
+        optiboot(tmp_path)
+        if board == "uno"
+        else BOOTLOADERS / "atmega/ATmegaBOOT_168_atmega328.hex"
+    )
+    used = bench(
+        "--bootloader",
+        bootloader,
+        "--no-program",
+        "--board",
+        board,
+        "--shield",
+        shield,
+        serial=True,
+        fresh=True,
+    )
     # All boards with this chip run the same program.
-    built = ROOT / pathlib.Path(os.environ.get("CARGO_TARGET_DIR", "target")) / "firmware" / f"uno-{shield}.elf"
+    built = (
+        ROOT
+        / pathlib.Path(os.environ.get("CARGO_TARGET_DIR", "target"))
+        / "firmware"
+        / f"uno-{shield}.elf"
+    )
     mine = built.with_name(f"{board}-{shield}.elf")
     if mine != built:
         mine.write_bytes(built.read_bytes())
     output = used.directory / "ravedude.txt"
     with open(output, "wb") as file:
-        flash = used.start(ROOT / "scripts/flash", "--board", board, "--shield", shield, "--port", str(used.serial), stdout=file, cwd=ROOT)
-        wait_until(lambda: b"temperature +" in output.read_bytes() or flash.poll() is not None, "line of the monitor", timeout=90)
+        flash = used.start(
+            ROOT / "scripts/flash",
+            "--board",
+            board,
+            "--shield",
+            shield,
+            "--port",
+            str(used.serial),
+            stdout=file,
+            cwd=ROOT,
+        )
+        wait_until(
+            lambda: b"temperature +" in output.read_bytes() or flash.poll() is not None,
+            "line of the monitor",
+            timeout=90,
+        )
         os.killpg(flash.pid, signal.SIGINT)
         exit_code = flash.wait(10)
     text = output.read_text(errors="replace")
-    assert exit_code == 0 and "bytes of flash verified" in text and "DroneCAN servo node" in text, text
+    assert exit_code == 0 and "bytes of flash verified" in text and "DroneCAN servo node" in text, (
+        text
+    )

@@ -1,4 +1,6 @@
-"""What the node publishes, and the messages besides commands that it follows, with pydronecan; and the messages of ArduPilot and PX4."""
+"""What the node publishes, and the messages besides commands that it follows, with pydronecan; and
+the messages of ArduPilot and PX4.
+"""
 
 import math
 
@@ -49,10 +51,16 @@ def test_a_lights_command_dims_the_light(bench):
 
 def test_the_button_publishes_its_count(bench, tmp_path):
     script = tmp_path / "script"
-    script.write_text("".join(f"({2 + n}.0) button press\n({2 + n}.2) button release\n" for n in range(3)))
+    script.write_text(
+        "".join(f"({2 + n}.0) button press\n({2 + n}.2) button release\n" for n in range(3))
+    )
     client = bench("--script", script, elf=node_elf("full", board="uno")).dronecan()
     counts = client.gather(uavcan.protocol.debug.KeyValue, 3)
-    assert [(str(count.key), count.value) for count in counts] == [("btn", 1.0), ("btn", 2.0), ("btn", 3.0)]
+    assert [(str(count.key), count.value) for count in counts] == [
+        ("btn", 1.0),
+        ("btn", 2.0),
+        ("btn", 3.0),
+    ]
 
 
 def test_can_stats_count_frames(bench):
@@ -124,11 +132,14 @@ def test_fifteen_commands_like_ardupilot_s_are_followed(bench, servo, unit):
     widths = {number: 1000 + 50 * number for number in range(1, 16)}
     value = (lambda us: us) if unit == PWM else (lambda us: us / 500 - 3)
     commands = [(number, unit, value(us)) for number, us in widths.items()]
-    # A float16 between -1 and 1 differs from these values by up to half a microsecond of pulse width.
+    # A float16 between -1 and 1 differs from these values by up to half a microsecond of pulse
+    # width.
     expected = widths[servo]
     if unit == UNITLESS:
         handle = client.node.periodic(0.02, lambda: client.command(*commands))
-        client.spin_until(lambda: abs((used.pulse_us() or 0) - expected) <= 0.5, f"pulse of {expected} us")
+        client.spin_until(
+            lambda: abs((used.pulse_us() or 0) - expected) <= 0.5, f"pulse of {expected} us"
+        )
         handle.remove()
     else:
         stream(client, used, lambda: commands, expected)
@@ -139,7 +150,12 @@ def test_eight_commands_like_px4_s_are_followed(bench, servo, expected_us):
     used = bench()
     client = used.dronecan(node_id=1)
     client.set("OUT1_ID", servo)
-    stream(client, used, lambda: [(number, UNITLESS, number / 4 - 1) for number in range(8)], expected_us)
+    stream(
+        client,
+        used,
+        lambda: [(number, UNITLESS, number / 4 - 1) for number in range(8)],
+        expected_us,
+    )
 
 
 @pytest.mark.parametrize("kind, servo", [("ardupilot", 1), ("ardupilot-pwm", 4), ("px4", 1)])

@@ -1,4 +1,6 @@
-"""Updates with our bootloader: over the bus by pydronecan's file server, and over the serial port by avrdude."""
+"""Updates with our bootloader: over the bus by pydronecan's file server, and over the serial port
+by avrdude.
+"""
 
 import contextlib
 import importlib
@@ -35,13 +37,19 @@ def remote_board(bench):
 def update(client, file):
     """Serves the file and sends BeginFirmwareUpdate. Waits until the new program runs."""
     with contextlib.closing(dronecan.app.file_server.FileServer(client.node, [str(file.parent)])):
-        request = uavcan.protocol.file.BeginFirmwareUpdate.Request(source_node_id=client.node.node_id)
+        request = uavcan.protocol.file.BeginFirmwareUpdate.Request(
+            source_node_id=client.node.node_id
+        )
         request.image_file_remote_path.path = file.name
         response = client.ask(request)
         assert response.error == response.ERROR_OK
         # The old program may still send OPERATIONAL.
         for mode in (NodeStatus().MODE_SOFTWARE_UPDATE, NodeStatus().MODE_OPERATIONAL):
-            client.spin_until(lambda mode=mode: client.wait_for(NodeStatus).mode == mode, f"mode {mode}", timeout=60)
+            client.spin_until(
+                lambda mode=mode: client.wait_for(NodeStatus).mode == mode,
+                f"mode {mode}",
+                timeout=60,
+            )
 
 
 def test_pydronecan_s_file_server_updates_a_node_in_its_bootloader(empty_board):
@@ -56,14 +64,32 @@ def test_pydronecan_s_file_server_updates_a_node_in_its_bootloader(empty_board):
 
 def test_avrdude_uploads_through_our_bootloader_and_the_bus_works_then(empty_board):
     used = empty_board
-    line = ["-c", "arduino", "-p", "m168", "-P", used.serial, "-b", "19200", "-D", "-U", f"flash:w:{node_elf()}:e"]
+    line = [
+        "-c",
+        "arduino",
+        "-p",
+        "m168",
+        "-P",
+        used.serial,
+        "-b",
+        "19200",
+        "-D",
+        "-U",
+        f"flash:w:{node_elf()}:e",
+    ]
     text = used.run("avrdude", *line)
     assert re.search(r"bytes of flash verified", text), text
     client = used.dronecan()
-    client.spin_until(lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL, "program", timeout=20)
+    client.spin_until(
+        lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL,
+        "program",
+        timeout=20,
+    )
 
 
-def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_are_kept(remote_board, tmp_path):
+def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_are_kept(
+    remote_board, tmp_path
+):
     # The path that the server gives is the file's name.
     file = tmp_path / "remote.bin"
     file.write_bytes(node_elf("remote").with_suffix(".bin").read_bytes())
@@ -79,7 +105,15 @@ def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_are_
 def node_update(used, *words, node=NODE, file=None, code=0, slcan=0):
     """Runs node-update. Returns its output."""
     file = file or node_elf("remote").with_suffix(".bin")
-    line = [project_program("node-update"), file, "--bus", f"slcan:{used.slcan[slcan]}", "--node", node, *words]
+    line = [
+        project_program("node-update"),
+        file,
+        "--bus",
+        f"slcan:{used.slcan[slcan]}",
+        "--node",
+        node,
+        *words,
+    ]
     process = used.start(*line)
     text = process.communicate(timeout=90)[0].decode(errors="replace")
     assert process.returncode == code, text
@@ -90,7 +124,9 @@ def test_node_update_updates_a_running_node_and_reports_it(remote_board):
     text = node_update(remote_board)
     assert re.search(r"^node 120: restarting, (\d+) of \1 bytes$", text, re.M), text
     version = r"\.".join(str(number) for number in VERSION)
-    assert re.search(rf"^node 120: runs version {version}, before {version}; [0-9.]+ s$", text, re.M), text
+    assert re.search(
+        rf"^node 120: runs version {version}, before {version}; [0-9.]+ s$", text, re.M
+    ), text
     # The next update must succeed, too.
     node_update(remote_board)
 
@@ -101,7 +137,14 @@ def test_node_update_prints_why_a_node_in_use_rejects_an_update(remote_board):
     message = uavcan.equipment.safety.ArmingStatus(status=255)
     handle = client.node.periodic(0.2, lambda: client.node.broadcast(message))
     client.spin(0.5)
-    line = [project_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
+    line = [
+        project_program("node-update"),
+        node_elf("remote").with_suffix(".bin"),
+        "--bus",
+        f"slcan:{remote_board.slcan[0]}",
+        "--node",
+        NODE,
+    ]
     process = remote_board.start(*line)
     client.spin_until(lambda: process.poll() is not None, "end of the program", timeout=30)
     handle.remove()
@@ -122,7 +165,14 @@ def test_wrong_nodes_and_wrong_files_are_rejected_with_a_remedy(remote_board, tm
 
 
 def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
-    line = [project_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
+    line = [
+        project_program("node-update"),
+        node_elf("remote").with_suffix(".bin"),
+        "--bus",
+        f"slcan:{remote_board.slcan[0]}",
+        "--node",
+        NODE,
+    ]
     process = remote_board.start(*line)
     for text in iter(process.stdout.readline, b""):
         if re.match(rb"node 120: reading, [1-9]", text):
@@ -132,7 +182,11 @@ def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
     assert process.returncode == 5, text
     assert "node 120: has no program now" in text
     client = remote_board.dronecan(adapter=1)
-    client.spin_until(lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_MAINTENANCE, "waiting loader", timeout=60)
+    client.spin_until(
+        lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_MAINTENANCE,
+        "waiting loader",
+        timeout=60,
+    )
     assert "node 120: runs version" in node_update(remote_board)
 
 
@@ -157,7 +211,13 @@ def test_the_bootloader_is_written_with_the_fuses_that_it_needs(tmp_path):
         return subprocess.run(line, capture_output=True, text=True, check=True).stdout.splitlines()
 
     fuses, flash = calls()
-    assert fuses == "avrdude -c usbasp -p atmega168 -e -U lock:w:0x3F:m -U lfuse:w:0xFF:m -U hfuse:w:0xDD:m -U efuse:w:0xF8:m"
+    assert (
+        fuses
+        == (
+            "avrdude -c usbasp -p atmega168 -e -U lock:w:0x3F:m -U lfuse:w:0xFF:m -U "
+            "hfuse:w:0xDD:m -U efuse:w:0xF8:m"
+        )
+    )
     assert flash == f"avrdude -c usbasp -p atmega168 -U flash:w:{LOADER}:i -U lock:w:0xEF:m"
     stock = tmp_path / "optiboot.hex"
     stock.write_text(":00000001FF\n")
