@@ -14,15 +14,18 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use signal_hook::flag;
 
 const HELP: &str = "\
-Runs the firmware with random faults for hours of simulated time: an autopilot commands its servo, other nodes send, a client reads,
-sets and saves parameters, and about four faults a minute happen. Between faults nothing may be lost. The firmware must recover from each
+Runs the firmware with random faults for hours of simulated time: an autopilot commands its servo, \
+                    other nodes send, a client reads,
+sets and saves parameters, and about four faults a minute happen. Between faults nothing may be \
+                    lost. The firmware must recover from each
 fault within a second.
 
   make soak                     one hour
   make soak HOURS=4             four
   make soak HOURS=0.1 SEED=7    six minutes with other faults
 
-SOAK_HOURS and SOAK_SEED in the environment are the same variables. It prints a line each simulated minute. Ctrl-C ends it with a
+SOAK_HOURS and SOAK_SEED in the environment are the same variables. It prints a line each \
+                    simulated minute. Ctrl-C ends it with a
 summary. The exit code is 0 if no check failed, 1 if one failed, 130 after Ctrl-C.";
 
 const MINUTE: Cycles = 60_000 * MS;
@@ -84,7 +87,8 @@ fn main() -> ExitCode {
     match result {
         Err(_) => {
             println!(
-                "a check FAILED after {lived:.3} simulated hours, seed {seed}; see above. SOAK_SEED={seed} repeats it."
+                "a check FAILED after {lived:.3} simulated hours, seed {seed}; see above. \
+                 SOAK_SEED={seed} repeats it."
             );
             // After a failed check the rig's final checks are not needed.
             std::mem::forget(soak);

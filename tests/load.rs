@@ -279,7 +279,8 @@ fn assert_other_work_is_done(kind: Kind, period: u64) -> Figures {
     let Figures { own_frames, own_statuses, answers, .. } = figures;
     assert!(
         own_statuses >= 2 && own_frames > 300 && answers > 25,
-        "a frame each {period} cycles: {own_statuses} statuses, {own_frames} frames, {answers} answers in 2.2 s"
+        "a frame each {period} cycles: {own_statuses} statuses, {own_frames} frames, {answers} \
+         answers in 2.2 s"
     );
     figures
 }
@@ -299,7 +300,8 @@ fn slow_commands_leave_time_for_its_other_work() {
         let max = assert_other_work_is_done(Kind::LongCommand, period).command_to_servo.max() / 16;
         assert!(
             max <= 500,
-            "a frame each {period} cycles: {max} us from the end of a command to the servo's register"
+            "a frame each {period} cycles: {max} us from the end of a command to the servo's \
+             register"
         );
     }
 }

@@ -7,13 +7,14 @@ use rig::{ARRAY_COMMAND, MS, Rig, array_command, parse_frames, status_fields};
 
 /// pydronecan's ArrayCommand of 15: actuator n has (n - 8) / 8, unitless, from node 10 as
 /// ArduPilot's. A golden transfer.
-const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 05 00 00 00 | \
-                       B6 06 00 00 B4 07 00 20 | 00 B0 08 00 00 00 09 00 | 00 00 30 0A 00 00 34 20 | \
-                       0B 00 00 36 0C 00 00 00 | 38 0D 00 00 39 0E 00 20 | 00 3A 0F 00 00 3B 40";
+const FIFTEEN: &str = "0803F20A C8 B8 01 00 00 BB 02 80 | 00 00 BA 03 00 00 B9 20 | 04 00 00 B8 \
+                       05 00 00 00 | B6 06 00 00 B4 07 00 20 | 00 B0 08 00 00 00 09 00 | 00 00 30 \
+                       0A 00 00 34 20 | 0B 00 00 36 0C 00 00 00 | 38 0D 00 00 39 0E 00 20 | 00 3A \
+                       0F 00 00 3B 40";
 /// pydronecan's ArrayCommand of 8: actuator n has (n - 4) / 4, unitless, from node 1 as PX4's. A
 /// golden transfer.
-const EIGHT: &str = "0603F201 0E 49 00 00 00 BC 01 80 | 00 00 BA 02 00 00 B8 20 | 03 00 00 B4 04 00 00 00 | \
-                     00 05 00 00 34 06 00 20 | 00 38 07 00 00 3A 40";
+const EIGHT: &str = "0603F201 0E 49 00 00 00 BC 01 80 | 00 00 BA 02 00 00 B8 20 | 03 00 00 B4 04 \
+                     00 00 00 | 00 05 00 00 34 06 00 20 | 00 38 07 00 00 3A 40";
 
 fn pulse_us(value: f64) -> f64 {
     1500.0 + 500.0 * value

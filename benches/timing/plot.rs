@@ -48,8 +48,9 @@ impl Plot {
     /// The plot as an SVG file.
     pub fn svg(&self) -> String {
         let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" font-family=\"sans-serif\" \
-             font-size=\"12\">\n<rect width=\"{WIDTH}\" height=\"{HEIGHT}\" fill=\"white\"/>\n"
+            "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {WIDTH} {HEIGHT}\" \
+             font-family=\"sans-serif\" font-size=\"12\">\n<rect width=\"{WIDTH}\" \
+             height=\"{HEIGHT}\" fill=\"white\"/>\n"
         );
         let mut text = |x: f64, y: f64, anchor: &str, more: &str, text: &str| {
             _ = writeln!(

@@ -1,5 +1,5 @@
-//! The decoder of instructions. tests/opcodes.rs compares it with avr-objdump for each of the 65,536
-//! first words.
+//! The decoder of instructions. tests/opcodes.rs compares it with avr-objdump for each of the
+//! 65,536 first words.
 
 use crate::opcode::{Immediate, Mode, One, Op, Pointer, Product, Two};
 

@@ -175,8 +175,10 @@ impl Channel {
         let (Spec::UdpIn(local) | Spec::TcpIn(local)) = self.spec else { return };
         if !local.ip().is_loopback() && self.signer.is_none() {
             let spec = &self.spec;
-            self.log
-                .push(format!("{spec} has no key: whoever can reach it can command the nodes; give a --signing-key"));
+            self.log.push(format!(
+                "{spec} has no key: whoever can reach it can command the nodes; give a \
+                 --signing-key"
+            ));
         }
     }
 
@@ -401,7 +403,8 @@ fn cannot_listen(local: SocketAddr, error: io::Error) -> anyhow::Error {
     match error.kind() {
         ErrorKind::AddrInUse => {
             anyhow!(
-                "{local} is in use; does a ground station listen there? Then send to it with udpout:{local}"
+                "{local} is in use; does a ground station listen there? Then send to it with \
+                 udpout:{local}"
             )
         }
         ErrorKind::AddrNotAvailable => {

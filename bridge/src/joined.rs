@@ -1,5 +1,5 @@
-//! What is open: the bus, the channels, the pseudo-terminals of the tunnels, and the bridge that joins
-//! them. A turn waits for any of them and moves its frames and messages.
+//! What is open: the bus, the channels, the pseudo-terminals of the tunnels, and the bridge that
+//! joins them. A turn waits for any of them and moves its frames and messages.
 
 use crate::bus::Bus;
 use crate::channel::Channel;

@@ -172,7 +172,8 @@ impl State {
             self.warn(&format!("another component has the ID {component}: --component"));
         } else if NodeId::new(component).is_some() {
             self.log.push(format!(
-                "component {component} sends its own heartbeat: the bridge sends none for node {component}"
+                "component {component} sends its own heartbeat: the bridge sends none for node \
+                 {component}"
             ));
         }
     }

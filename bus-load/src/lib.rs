@@ -29,12 +29,17 @@ pub use stream::{Channel, Entry, Stream};
 const BIT_RATE_DEFAULT: u32 = 1_000_000;
 
 const ABOUT: &str = "\
-Plans a bus: which messages, how often, from how many nodes; prints what share of the bus they take.
+Plans a bus: which messages, how often, from how many nodes; prints what share of the bus they \
+                     take.
 
-A message is \"[NODESx] TYPE[COUNT]@RATE\", for example \"4x esc.Status@50\": four nodes send esc.Status 50 times a second
-each, or \"ArrayCommand[8]@50\": one node sends commands for 8 actuators. TYPE is a name (--list), a full DSDL name such as
-uavcan.equipment.esc.Status, or a number. Without [COUNT] a list is as long as it can be. Instead of [COUNT], \":BYTES\" gives
-the length of the payload, and \"=HEX\" the payload itself. A service, such as GetNodeInfo, counts its request and its
+A message is \"[NODESx] TYPE[COUNT]@RATE\", for example \"4x esc.Status@50\": four nodes send \
+                     esc.Status 50 times a second
+each, or \"ArrayCommand[8]@50\": one node sends commands for 8 actuators. TYPE is a name (--list), \
+                     a full DSDL name such as
+uavcan.equipment.esc.Status, or a number. Without [COUNT] a list is as long as it can be. Instead \
+                     of [COUNT], \":BYTES\" gives
+the length of the payload, and \"=HEX\" the payload itself. A service, such as GetNodeInfo, counts \
+                     its request and its
 response.
 
 Of each transfer it counts the bits of all its frames, with the spaces between them:
@@ -46,14 +51,16 @@ const EXAMPLES: &str = "\
 Examples:
   sim utilisation --example quadcopter
   sim utilisation --example ardupilot-15-servos --bit-rate 500000
-  sim utilisation --message \"ArrayCommand[8]@50\" --message \"4x esc.Status@50\" --message \"13x NodeStatus@1\"
+  sim utilisation --message \"ArrayCommand[8]@50\" --message \"4x esc.Status@50\" --message \"13x \
+                        NodeStatus@1\"
   sim utilisation --bit-rate 500000 --message \"1034@100\" --message \"20100:12@5\"
   sim utilisation --message \"NodeStatus=2A000000000000@1\" --message \"3x GetNodeInfo[24]@0.1\"
   sim utilisation --file vehicle.txt
   sim utilisation --tables
   sim utilisation --list
 
-A file has one message in a line, without quotes; \"bit-rate 500000\" may be a line too, and # begins a remark.";
+A file has one message in a line, without quotes; \"bit-rate 500000\" may be a line too, and # \
+                        begins a remark.";
 
 /// Options of `sim utilisation`.
 #[derive(Clone, Debug, clap::Args)]

@@ -156,16 +156,18 @@ impl Plan {
         match self.verdict() {
             Verdict::Comfortable => writeln!(
                 out,
-                "Fine: at most {most:.2} %, so that {COMFORTABLE_PERCENT} % or more stay free for bursts, services and errors."
+                "Fine: at most {most:.2} %, so that {COMFORTABLE_PERCENT} % or more stay free for \
+                 bursts, services and errors."
             )?,
             Verdict::High => writeln!(
                 out,
-                "WARNING: {typical:.1} %, with most stuffing {most:.1} %: above {COMFORTABLE_PERCENT} % urgent messages delay the others noticeably."
+                "WARNING: {typical:.1} %, with most stuffing {most:.1} %: above \
+                 {COMFORTABLE_PERCENT} % urgent messages delay the others noticeably."
             )?,
             Verdict::TooHigh => writeln!(
                 out,
-                "WARNING: {typical:.1} % is too much: above {TIGHT_PERCENT} % bursts and retransmissions make messages late, and \
-                 the least urgent may starve."
+                "WARNING: {typical:.1} % is too much: above {TIGHT_PERCENT} % bursts and \
+                 retransmissions make messages late, and the least urgent may starve."
             )?,
             Verdict::Impossible => {
                 writeln!(out, "WARNING: {typical:.1} % cannot work: the bus carries 100 %.")?

@@ -200,7 +200,8 @@ impl Subject {
         match DataType::by_name(name).as_slice() {
             [known] => Ok(Subject::Known(known)),
             [] => Err(format!(
-                "\"{name}\" is not known here: --list shows the names; or use its number, as in 20100:12@5"
+                "\"{name}\" is not known here: --list shows the names; or use its number, as in \
+                 20100:12@5"
             )),
             several => {
                 let names: Vec<_> = several.iter().map(|known| known.name).collect();

@@ -137,16 +137,23 @@ impl Bus {
             Spec::Slcan { path, baud } => {
                 let port = SerialPort::open(path, *baud).map_err(|error| match error.kind() {
                     ErrorKind::NotFound => {
-                        anyhow!("there is no {}; is the adapter plugged in, or sim running?", path.display())
+                        anyhow!(
+                            "there is no {}; is the adapter plugged in, or sim running?",
+                            path.display()
+                        )
                     }
                     _ if error.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
                         anyhow!(
-                            "{} is not a serial port; those of adapters are /dev/ttyACM0, /dev/ttyUSB0, ..",
+                            "{} is not a serial port; those of adapters are /dev/ttyACM0, \
+                             /dev/ttyUSB0, ..",
                             path.display()
                         )
                     }
                     ErrorKind::PermissionDenied => {
-                        anyhow!("no permission for {}; members of the group dialout have it", path.display())
+                        anyhow!(
+                            "no permission for {}; members of the group dialout have it",
+                            path.display()
+                        )
                     }
                     _ => anyhow!(error).context(format!("cannot open {}", path.display())),
                 })?;
@@ -460,7 +467,8 @@ impl Slcan {
             State::Closing => {
                 let digit = slcan::rate_digit(self.bit_rate).ok_or_else(|| {
                     anyhow!(
-                        "SLCAN has no {} bit/s: 10, 20, 50, 100, 125, 250, 500, 800 or 1000 thousand",
+                        "SLCAN has no {} bit/s: 10, 20, 50, 100, 125, 250, 500, 800 or 1000 \
+                         thousand",
                         self.bit_rate
                     )
                 })?;

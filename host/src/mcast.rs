@@ -103,7 +103,8 @@ impl Port {
                 format!("{elsewhere}: \"ip route add 239.65.82.0/24 dev lo\" lets them in")
             }
             _ => format!(
-                "{elsewhere}: set their IP_MULTICAST_IF to {interface}, or a route for 239.65.82.0/24"
+                "{elsewhere}: set their IP_MULTICAST_IF to {interface}, or a route for \
+                 239.65.82.0/24"
             ),
         })
     }
@@ -132,7 +133,8 @@ fn receiver(group: SocketAddrV4, interface: Ipv4Addr) -> Result<UdpSocket> {
     let socket = open().context("cannot make a UDP socket")?;
     socket.bind(&SocketAddr::from(group).into()).map_err(|error| match error.kind() {
         ErrorKind::AddrInUse => anyhow!(
-            "{group} is in use by a program that does not share it; find it with \"ss -ulpn\", or choose another bus"
+            "{group} is in use by a program that does not share it; find it with \"ss -ulpn\", or \
+             choose another bus"
         ),
         _ => anyhow!(error).context(format!("cannot listen to {group}")),
     })?;

@@ -190,11 +190,11 @@ fn raw_commands_equal_pydronecan() {
     );
     let twenty: Vec<i16> = (1..=20).map(|n| 400 * n).collect();
     both_ways(
-        "0704060A 0D 57 90 04 80 3B 01 83 | 10 06 D0 1D 80 9F 02 23 | A0 0C 10 3A 80 F3 04 03 | 70 12 50 53 81 57 05 23 | \
-         C0 19 90 68 81 CB 07 03 | 50 1F 63",
+        "0704060A 0D 57 90 04 80 3B 01 83 | 10 06 D0 1D 80 9F 02 23 | A0 0C 10 3A 80 F3 04 03 | \
+         70 12 50 53 81 57 05 23 | C0 19 90 68 81 CB 07 03 | 50 1F 63",
         raw(&twenty),
-        "esc.RawCommand 400, 800, 1200, 1600, 2000, 2400, 2800, 3200, 3600, 4000, 4400, 4800, 5200, 5600, 6000, 6400, 6800, \
-         7200, 7600, 8000",
+        "esc.RawCommand 400, 800, 1200, 1600, 2000, 2400, 2800, 3200, 3600, 4000, 4400, 4800, \
+         5200, 5600, 6000, 6400, 6800, 7200, 7600, 8000",
     );
 }
 
@@ -235,11 +235,11 @@ fn node_information_equals_pydronecan() {
     };
     both_ways(
         "1E017FAA 4B 03 0A 00 00 00 00 83 | 00 00 01 02 01 EF BE 23 | AD DE 00 00 00 00 00 03 | \
-         00 00 00 01 00 00 01 23 | 02 03 04 05 06 07 08 03 | 09 0A 0B 0C 0D 0E 0F 23 | \
-         00 6F 72 67 2E 65 78 03 | 61 6D 70 6C 65 2E 73 23 | 65 72 76 6F 43",
+         00 00 00 01 00 00 01 23 | 02 03 04 05 06 07 08 03 | 09 0A 0B 0C 0D 0E 0F 23 | 00 6F 72 \
+         67 2E 65 78 03 | 61 6D 70 6C 65 2E 73 23 | 65 72 76 6F 43",
         Message::NodeInfo(Box::new(info)),
-        "GetNodeInfo response org.example.servo software 1.2 commit deadbeef hardware 1.0 \
-         unique ID 000102030405060708090A0B0C0D0E0F",
+        "GetNodeInfo response org.example.servo software 1.2 commit deadbeef hardware 1.0 unique \
+         ID 000102030405060708090A0B0C0D0E0F",
     );
 }
 
@@ -296,13 +296,15 @@ fn parameter_responses_equal_pydronecan() {
     };
     both_ways(
         "1E0B7FAA CD 88 01 2A 00 00 00 81 | 00 00 00 00 01 00 00 21 | 00 00 00 00 00 00 01 01 | \
-         7F 00 00 00 00 00 00 21 | 00 01 00 00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41",
+         7F 00 00 00 00 00 00 21 | 00 01 00 00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 \
+         45 41",
         response(42, 0, 127, 0, b"CAN_NODE"),
         "param.GetSet response CAN_NODE = 42 (0 to 127, default 0)",
     );
     both_ways(
         "1E0B7FF8 7E 1C 01 D8 FF FF FF 89 | FF FF FF FF 01 D8 FF 29 | FF FF FF FF FF FF 01 09 | \
-         96 00 00 00 00 00 00 29 | 00 01 C9 FF FF FF FF 09 | FF FF FF 54 45 4D 50 29 | 5F 4D 49 4E 49",
+         96 00 00 00 00 00 00 29 | 00 01 C9 FF FF FF FF 09 | FF FF FF 54 45 4D 50 29 | 5F 4D 49 \
+         4E 49",
         response(-40, -40, 150, -55, b"TEMP_MIN"),
         "param.GetSet response TEMP_MIN = -40 (-55 to 150, default -40)",
     );
@@ -350,7 +352,8 @@ fn firmware_updates_equal_pydronecan() {
         "BeginFirmwareUpdate request of \"fw.bin\" from node 127",
     );
     both_ways(
-        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69",
+        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | \
+         72 69 61 6C 69",
         Message::UpdateBegun(pair(1, b"update over USB serial")),
         "BeginFirmwareUpdate response INVALID_MODE \"update over USB serial\"",
     );
@@ -368,10 +371,12 @@ fn counters_equal_pydronecan() {
             transfer_errors: 3,
             interfaces: vec![[4, 5, 6]],
         }),
-        "GetTransportStats response transfers out 1 in 20015998343868 errors 3, frames out 4 in 5 errors 6",
+        "GetTransportStats response transfers out 1 in 20015998343868 errors 3, frames out 4 in 5 \
+         errors 6",
     );
     both_ways(
-        "18015778 63 D2 00 04 03 02 01 83 | 01 00 02 00 03 00 04 23 | 00 05 00 0D 0C 0B 0A 03 | 06 00 07 00 08 00 63",
+        "18015778 63 D2 00 04 03 02 01 83 | 01 00 02 00 03 00 04 23 | 00 05 00 0D 0C 0B 0A 03 | \
+         06 00 07 00 08 00 63",
         Message::CanStats(CanStats {
             interface: 0,
             tx_requests: 0x0102_0304,
@@ -385,8 +390,8 @@ fn counters_equal_pydronecan() {
             rx_errors: 7,
             busoff_errors: 8,
         }),
-        "CanStats interface 0 out 3/16909060 rejected 1 overflow 2 timed out 4 aborted 5, \
-         in 168496141 overflow 6 errors 7 bus-off 8",
+        "CanStats interface 0 out 3/16909060 rejected 1 overflow 2 timed out 4 aborted 5, in \
+         168496141 overflow 6 errors 7 bus-off 8",
     );
     let pair = KeyValue { value: 3.0, key: b"btn".to_vec() };
     both_ways(
@@ -407,7 +412,8 @@ fn lights_and_switches_equal_pydronecan() {
     both_ways(
         "1804390A BA 95 05 FA A9 06 0F 81 | FE 07 0F FE 61",
         Message::LightsCommand(vec![light(5, 31, 21, 9), light(6, 1, 63, 30), light(7, 1, 63, 30)]),
-        "LightsCommand id 5 red 31 green 21 blue 9, id 6 red 1 green 63 blue 30, id 7 red 1 green 63 blue 30",
+        "LightsCommand id 5 red 31 green 21 blue 9, id 6 red 1 green 63 blue 30, id 7 red 1 green \
+         63 blue 30",
     );
     both_ways("184E200A FF C2", Message::SafetyState(255), "SafetyState off");
 }

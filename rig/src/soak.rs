@@ -371,7 +371,8 @@ impl Soak {
                     assert_eq!(
                         (health, mode, code),
                         (0, 0, 0),
-                        "health, mode and vendor code, {} ms after the last fault and {} after the start",
+                        "health, mode and vendor code, {} ms after the last fault and {} after \
+                         the start",
                         (at - self.fault_ended) / MS,
                         (at - self.booted) / MS
                     );
@@ -690,7 +691,8 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} commands, {} requests, {} saves, {} statuses, {} frames; {} frames lost, all of them in faults; {} B of RAM",
+            "{} commands, {} requests, {} saves, {} statuses, {} frames; {} frames lost, all of \
+             them in faults; {} B of RAM",
             self.commands,
             self.requests,
             self.saves,

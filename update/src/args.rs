@@ -9,16 +9,21 @@ use dronecan_host::NodeId;
 
 const EXAMPLES: &str = "\
 Buses (--bus):
-  slcan:/dev/ttyACM0        SLCAN adapter; slcan:PATH:BAUD where the baud rate matters; \"sim --slcan PATH\" offers one
-  mcast:0                   UDP multicast bus of pydronecan, libcanard, ArduPilot SITL and \"sim --mcast 0\", on loopback
+  slcan:/dev/ttyACM0        SLCAN adapter; slcan:PATH:BAUD where the baud rate matters; \"sim \
+                        --slcan PATH\" offers one
+  mcast:0                   UDP multicast bus of pydronecan, libcanard, ArduPilot SITL and \"sim \
+                        --mcast 0\", on loopback
   socketcan:can0            a CAN interface of the Linux kernel
 
 Examples:
   node-update uno-seeed.bin --bus slcan:/dev/ttyACM0 --node 120
-  node-update uno-seeed.bin --bus socketcan:can0 --node all      each node whose hardware the file is for, one after the other
+  node-update uno-seeed.bin --bus socketcan:can0 --node all      each node whose hardware the file \
+                        is for, one after the other
 
-A node refuses while the vehicle is armed, or while its servo follows commands. An update takes 2 to 10 seconds. If it breaks off, the node
-waits in its bootloader, and the same command updates it then. A loader that has lost its node ID waits as node 120.
+A node refuses while the vehicle is armed, or while its servo follows commands. An update takes 2 \
+                        to 10 seconds. If it breaks off, the node
+waits in its bootloader, and the same command updates it then. A loader that has lost its node ID \
+                        waits as node 120.
 
 Exit codes:
   0  all nodes were updated                     3  the bus cannot be opened

@@ -60,7 +60,8 @@ impl FirmwareFile {
         let length = usize::from(u16::from_le_bytes([low, high]));
         ensure!(
             length == bytes.len() && LENGTHS.contains(&length),
-            "the file has {} bytes, and its header says {length}: it is incomplete, or not a firmware file",
+            "the file has {} bytes, and its header says {length}: it is incomplete, or not a \
+             firmware file",
             bytes.len()
         );
         // The CRC at the end has the high byte first, so the CRC of all bytes is 0.

@@ -136,7 +136,10 @@ fn why_unsuitable(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
     }
     let ((major, minor), (file_major, file_minor)) = (info.hardware, file.hardware);
     (info.hardware != file.hardware).then(|| {
-        format!("has hardware {major}.{minor}, and the file is for {file_major}.{file_minor}: build it with its BOARD and SHIELD")
+        format!(
+            "has hardware {major}.{minor}, and the file is for {file_major}.{file_minor}: build \
+             it with its BOARD and SHIELD"
+        )
     })
 }
 

@@ -121,7 +121,8 @@ impl<'a> Session<'a> {
     pub fn state_if_ended_now(&self) -> &'static str {
         match self.stage {
             Stage::Reading if !self.is_all_sent() && self.sent > 0 => {
-                "has no program now. Its bootloader waits for an update after about 40 s; the same command then updates it"
+                "has no program now. Its bootloader waits for an update after about 40 s; the same \
+                 command then updates it"
             }
             _ => "may not be updated. The same command tries again",
         }
@@ -231,7 +232,8 @@ impl<'a> Session<'a> {
             }
             _ if self.is_all_sent() => self.set_stage(Stage::Checking, now),
             _ => {
-                let text = "runs its old program again: the bootloader rejected the file, or received no answer";
+                let text = "runs its old program again: the bootloader rejected the file, or \
+                            received no answer";
                 self.outcome = Some(Outcome::Failed(text.to_owned()));
             }
         }

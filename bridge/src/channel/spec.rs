@@ -18,7 +18,8 @@ pub enum Spec {
 /// Minimum baud rate: a slower line cannot carry one status of a node a second.
 const BAUD_MIN: u32 = 300;
 
-const EXAMPLES: &str = "write for example udpout:127.0.0.1:14550, udpin:14550, tcp:HOST:5760, tcpin:5760 or serial:/dev/ttyUSB0:57600";
+const EXAMPLES: &str = "write for example udpout:127.0.0.1:14550, udpin:14550, tcp:HOST:5760, \
+                        tcpin:5760 or serial:/dev/ttyUSB0:57600";
 
 impl FromStr for Spec {
     type Err = String;

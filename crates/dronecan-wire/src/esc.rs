@@ -45,7 +45,8 @@ mod tests {
             assert_eq!(raw_command(&payload, index), Some(command), "{index}");
         }
         let twenty = bytes(
-            "00 01 90 0C 80 0B 01 90 07 D0 15 80 AF 02 20 0E 10 3E 80 D3 04 B0 10 50 57 81 77 05 40 1A 90 60 81 DB 07",
+            "00 01 90 0C 80 0B 01 90 07 D0 15 80 AF 02 20 0E 10 3E 80 D3 04 B0 10 50 57 81 77 05 \
+             40 1A 90 60 81 DB 07",
         );
         for index in 0..18 {
             assert_eq!(raw_command(&twenty, index), Some(100 * i16::from(index)), "{index}");

@@ -49,8 +49,8 @@ impl Mcp2515 {
             self.violation(
                 at,
                 format!(
-                    "BIT MODIFY of {name} (mask {mask:02X}h, data {value:02X}h), which does not allow it: \
-                     the mask is forced to FFh (DS20001801J 12.10)"
+                    "BIT MODIFY of {name} (mask {mask:02X}h, data {value:02X}h), which does not \
+                     allow it: the mask is forced to FFh (DS20001801J 12.10)"
                 ),
             );
             self.write(address, value, at);

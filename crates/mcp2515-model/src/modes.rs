@@ -87,7 +87,11 @@ impl Mcp2515 {
                 Some(mode) => self.request_mode(mode, at),
                 None => self.violation(
                     at,
-                    format!("CANCTRL = {new:02X}h: REQOP = {:03b} is invalid (DS20001801J Register 10-1)", new >> 5),
+                    format!(
+                        "CANCTRL = {new:02X}h: REQOP = {:03b} is invalid (DS20001801J Register \
+                         10-1)",
+                        new >> 5
+                    ),
                 ),
             }
         } else if new & canctrl::ABAT != 0 {
@@ -108,8 +112,8 @@ impl Mcp2515 {
             self.violation(
                 at,
                 format!(
-                    "REQOP = {:03b} while asleep: only bus activity, or WAKIF with WAKIE, wakes the chip \
-                     (DS20001801J 10.2)",
+                    "REQOP = {:03b} while asleep: only bus activity, or WAKIF with WAKIE, wakes \
+                     the chip (DS20001801J 10.2)",
                     mode.code()
                 ),
             );
@@ -166,8 +170,8 @@ impl Mcp2515 {
         if let Some(fault) = self.bit_timing().fault(self.osc_hz, mode.is_on_the_bus()) {
             let at_cnf = |address: u8| self.registers[usize::from(address)];
             let text = format!(
-                "CNF1 = {:02X}h, CNF2 = {:02X}h, CNF3 = {:02X}h on leaving configuration mode: {fault} \
-                 (DS20001801J 5.5)",
+                "CNF1 = {:02X}h, CNF2 = {:02X}h, CNF3 = {:02X}h on leaving configuration mode: \
+                 {fault} (DS20001801J 5.5)",
                 at_cnf(registers::CNF1),
                 at_cnf(registers::CNF2),
                 at_cnf(registers::CNF3)

@@ -170,8 +170,8 @@ impl Mcp2515 {
                     self.violation(
                         at,
                         format!(
-                            "READ RX BUFFER of RXB{buffer} ended before a byte was read: the frame is \
-                             thrown away (DS20001801J 12.4)"
+                            "READ RX BUFFER of RXB{buffer} ended before a byte was read: the \
+                             frame is thrown away (DS20001801J 12.4)"
                         ),
                     );
                 }
@@ -201,7 +201,10 @@ impl Mcp2515 {
         if at < self.deaf_until {
             self.violation(
                 at,
-                format!("instruction {instruction:02X}h during oscillator start-up: ignored (DS20001801J 8.1)"),
+                format!(
+                    "instruction {instruction:02X}h during oscillator start-up: ignored \
+                     (DS20001801J 8.1)"
+                ),
             );
             self.spi.state = State::Ignore;
             return;
@@ -250,8 +253,9 @@ impl Mcp2515 {
             self.violation(
                 at,
                 format!(
-                    "READ RX BUFFER {instruction:02X}h while RX{buffer}IF is clear: stale data, and a frame \
-                     that comes meanwhile is thrown away when CS rises (DS20001801J 12.4)"
+                    "READ RX BUFFER {instruction:02X}h while RX{buffer}IF is clear: stale data, \
+                     and a frame that comes meanwhile is thrown away when CS rises (DS20001801J \
+                     12.4)"
                 ),
             );
         }

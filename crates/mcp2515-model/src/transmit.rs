@@ -100,7 +100,10 @@ impl Mcp2515 {
         if self.registers[usize::from(registers::CANCTRL)] & canctrl::ABAT != 0 {
             self.violation(
                 at,
-                format!("TXB{n}CTRL.TXREQ set while CANCTRL.ABAT is set: aborted at once (DS20001801J 3.6)"),
+                format!(
+                    "TXB{n}CTRL.TXREQ set while CANCTRL.ABAT is set: aborted at once (DS20001801J \
+                     3.6)"
+                ),
             );
             self.withdraw(n, Withdrawal::AbortAll);
         }

@@ -349,8 +349,9 @@ fn host() -> Vec<(&'static str, Vec<u8>)> {
 }
 
 fn sim() -> Vec<(&'static str, Vec<u8>)> {
-    const SCRIPT: &str = "# warm up\n(0.5) can0 1404562A#0100A95C00C0\n(2.5) temperature 60\n(3) button press\n\
-        (3.1) button release\n(4.0) fault no-ack\n(5.0) serial help\\r\\x1b\n(6) vcan1 00000001#R R\n(7) can0 20000008#00\n";
+    const SCRIPT: &str = "# warm up\n(0.5) can0 1404562A#0100A95C00C0\n(2.5) temperature 60\n(3) \
+                          button press\n(3.1) button release\n(4.0) fault no-ack\n(5.0) serial \
+                          help\\r\\x1b\n(6) vcan1 00000001#R R\n(7) can0 20000008#00\n";
     let mut script = vec![2];
     script.extend(SCRIPT.bytes());
     vec![

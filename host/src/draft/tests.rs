@@ -204,9 +204,10 @@ fn node_info_has_the_destination_in_each_frame() {
         ..NodeInfo::default()
     };
     let transfer = both_ways(
-        "1139E005 7F 7F 9B 0A 00 00 01 34 | 1139E015 7F 12 01 02 01 EF BE AD | 1139E025 7F DE 00 00 00 00 00 00 | \
-         1139E035 7F 00 00 01 00 00 01 02 | 1139E045 7F 03 04 05 06 07 08 09 | 1139E055 7F 0A 0B 0C 0D 0E 0F 00 | \
-         1139E065 7F 6F 72 67 2E 65 78 61 | 1139E075 7F 6D 70 6C 65 2E 73 65 | 1139E08D 7F 72 76 6F",
+        "1139E005 7F 7F 9B 0A 00 00 01 34 | 1139E015 7F 12 01 02 01 EF BE AD | 1139E025 7F DE 00 \
+         00 00 00 00 00 | 1139E035 7F 00 00 01 00 00 01 02 | 1139E045 7F 03 04 05 06 07 08 09 | \
+         1139E055 7F 0A 0B 0C 0D 0E 0F 00 | 1139E065 7F 6F 72 67 2E 65 78 61 | 1139E075 7F 6D 70 \
+         6C 65 2E 73 65 | 1139E08D 7F 72 76 6F",
         Message::NodeInfo(Box::new(info)),
         "draft.GetNodeInfo response org.example.servo software 1.2 commit deadbeef hardware 1.0 \
          unique ID 000102030405060708090A0B0C0D0E0F",
@@ -253,7 +254,8 @@ fn parameter_requests_are_packed_bit_by_bit() {
         "draft.param.GetSet request OUT1_MIN",
     );
     both_ways(
-        "12BBFC02 78 2A F5 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 04 F5 55 | 12BBFC2A 78 43 15 F4 D4 94 E0",
+        "12BBFC02 78 2A F5 53 01 00 00 00 | 12BBFC12 78 00 00 00 00 04 F5 55 | 12BBFC2A 78 43 15 \
+         F4 D4 94 E0",
         request(0, Value::Integer(1100), b"OUT1_MIN"),
         "draft.param.GetSet request OUT1_MIN = 1100",
     );
@@ -278,7 +280,9 @@ fn parameter_requests_are_packed_bit_by_bit() {
 fn parameter_responses_are_packed_bit_by_bit() {
     let [value, default, max, min] = [1100, 1000, 2500, -500].map(Value::Integer);
     both_ways(
-        "12B9E002 7F 44 B2 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 00 00 00 71 02 | 12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | 12B9E052 7F FC 4F 55 54 31 5F 4D | 12B9E06A 7F 49 4E",
+        "12B9E002 7F 44 B2 53 01 00 00 00 | 12B9E012 7F 00 00 00 07 A0 0C 00 | 12B9E022 7F 00 00 \
+         00 00 00 71 02 | 12B9E032 7F 40 00 00 00 00 00 04 | 12B9E042 7F 33 FB FF FF FF FF FF | \
+         12B9E052 7F FC 4F 55 54 31 5F 4D | 12B9E06A 7F 49 4E",
         Message::ParameterResponse(ParameterResponse {
             value,
             default,

@@ -131,7 +131,8 @@ pub const BABBLE: Case = Case {
 
 pub const NO_ACKNOWLEDGE: Case = Case {
     fault: "no node acknowledges (error-passive)",
-    reaction: "continues to send; logs that it is error-active again with the first frames that it can send",
+    reaction: "continues to send; logs that it is error-active again with the first frames that \
+               it can send",
     run: || {
         let mut trial = Trial::running();
         trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
@@ -194,7 +195,8 @@ fn noise(per_million: u32) -> Measured {
 
 const NOISE: Case = Case {
     fault: "",
-    noticed: "counted in `CanStats`; if errors are that frequent, error-passive (bit 6) or bus-off (bit 7)",
+    noticed: "counted in `CanStats`; if errors are that frequent, error-passive (bit 6) or \
+              bus-off (bit 7)",
     reaction: "the controller sends destroyed frames again",
     servo: "follows the commands that it receives, else failsafe",
     logged_limit_ms: None,
@@ -231,7 +233,8 @@ pub const BROKEN_WHILE_STARTING: Case = Case {
 pub const OWN_RATE_WRONG: Case = Case {
     fault: "the node itself is set to another bit rate than the bus",
     noticed: "error-passive (bit 6), on the serial monitor only",
-    reaction: "none; no other node can hear it. Correct its bit rate on a bus that has the node's rate",
+    reaction: "none; no other node can hear it. Correct its bit rate on a bus that has the node's \
+               rate",
     servo: "no pulse before the first command",
     logged_limit_ms: Some(1300),
     limit_ms: BUS_LIMIT_MS,

@@ -182,7 +182,8 @@ pub const REGISTER: Case = Case {
 
 pub const FILTER: Case = Case {
     fault: "the filters change by themselves and reject commands",
-    noticed: "failsafe (bit 10), because filters cannot be read while the controller runs (DS20001801J 4.5)",
+    noticed: "failsafe (bit 10), because filters cannot be read while the controller runs \
+              (DS20001801J 4.5)",
     reaction: "the failsafe restarts the controller",
     servo: FAILSAFE,
     logged_limit_ms: Some(400),

@@ -108,7 +108,8 @@ const HALF_MIN: u16 = 0xFBFF;
 
 pub const NOT_FINITE: Case = Case {
     fault: "commands that are NaN or infinite, 2,000 a second",
-    noticed: "each is rejected and counted, and logged if the serial monitor has room; failsafe (bit 10)",
+    noticed: "each is rejected and counted, and logged if the serial monitor has room; failsafe \
+              (bit 10)",
     reaction: "the node does not follow them, and they do not prevent the failsafe",
     servo: "holds its position, then failsafe after `OUT1_TIMEOUT`",
     logged_limit_ms: Some(100),
@@ -125,7 +126,8 @@ pub const NOT_FINITE: Case = Case {
 
 pub const OUT_OF_RANGE: Case = Case {
     fault: "commands out of range, 2,000 a second",
-    noticed: "limited to the travel; the node rejects and logs microseconds that are no valid pulse",
+    noticed: "limited to the travel; the node rejects and logs microseconds that are no valid \
+              pulse",
     reaction: "followed within the travel",
     servo: "never beyond `OUT1_MIN` and `OUT1_MAX`",
     logged_limit_ms: Some(1000),
@@ -207,7 +209,8 @@ pub const SAME_ID: Case = Case {
 pub const TWIN: Case = Case {
     fault: "two boards of this firmware with the same ID",
     noticed: "by both, within two seconds (bit 4)",
-    reaction: "both continue; two different frames with the same identifier destroy each other until one node drops its frame",
+    reaction: "both continue; two different frames with the same identifier destroy each other \
+               until one node drops its frame",
     servo: "both follow the commands",
     logged_limit_ms: Some(2000),
     limit_ms: BUS_LIMIT_MS,

@@ -7,53 +7,65 @@ use super::{Case, Measured, bus, chip, input, processor};
 const INTRODUCTION: &str = "\
 # Reliability
 
-Each fault, what the node does, and how long it takes. `make reliability` measures this with the shipped ELF in the simulator, and writes
-this page. `make test` checks each case against the limits in brackets (`tests/bus_faults.rs`, `chip_faults.rs`, `processor_faults.rs` and
-`input_faults.rs`; the cases are in `rig/src/faults`).
+Each fault, what the node does, and how long it takes. `make reliability` measures this with the
+shipped ELF in the simulator, and writes this page. `make test` checks each case against the limits
+in brackets (`tests/bus_faults.rs`, `chip_faults.rs`, `processor_faults.rs` and `input_faults.rs`;
+the cases are in `rig/src/faults`).
 
-An autopilot commands the servo 50 times a second, with `OUT1_TIMEOUT` 300 ms and `OUT1_FS` the trim. *Logged* is the time from the
-beginning of the fault to the end of its line on the serial monitor. *Back* is the time from the end of the fault until a servo pulse shows
-a new command **and** the node has answered a request. It includes the 20 ms between two commands and the 20 ms of the servo's period, so
-53 ms is the shortest time that can be measured. The bits are those of the vendor-specific status code ([status.md](status.md)); the tests
-check them, too. In every fault each pulse of the servo was complete, began 20 ms after the one before, and had a width that the column
+An autopilot commands the servo 50 times a second, with `OUT1_TIMEOUT` 300 ms and `OUT1_FS` the
+trim. *Logged* is the time from the beginning of the fault to the end of its line on the serial
+monitor. *Back* is the time from the end of the fault until a servo pulse shows a new command
+**and** the node has answered a request. It includes the 20 ms between two commands and the 20 ms of
+the servo's period, so 53 ms is the shortest time that can be measured. The bits are those of the
+vendor-specific status code ([status.md](status.md)); the tests check them, too. In every fault each
+pulse of the servo was complete, began 20 ms after the one before, and had a width that the column
 *servo* allows.
 
-After a fault the node does not flood the bus: it drops frames that it could not send in time, and a status has the current state.
+After a fault the node does not flood the bus: it drops frames that it could not send in time, and a
+status has the current state.
 ";
 
 const SOAK: &str = "
 ## Long runs
 
-`make soak HOURS=4` runs a node for simulated hours: 50 commands a second, statuses and other messages of other nodes, a client that reads,
-sets and saves parameters, and about four times a minute one of 21 kinds of faults. The node must recover from each within a second. Between
-the faults the test checks that the node follows and counts each command, that each pulse has the width of a recent command and begins 20 ms
-after the one before, that statuses come in time, in order and with the right uptime, that the controller loses nothing, that parameters
-keep their values, and that the stack stays within its limit. `make test` does this for a minute (`tests/soak.rs`).
+`make soak HOURS=4` runs a node for simulated hours: 50 commands a second, statuses and other
+messages of other nodes, a client that reads, sets and saves parameters, and about four times a
+minute one of 21 kinds of faults. The node must recover from each within a second. Between the
+faults the test checks that the node follows and counts each command, that each pulse has the width
+of a recent command and begins 20 ms after the one before, that statuses come in time, in order and
+with the right uptime, that the controller loses nothing, that parameters keep their values, and
+that the stack stays within its limit. `make test` does this for a minute (`tests/soak.rs`).
 
-Four hours on the Diecimila with the preset `default` (23 November 2026; it took an hour): 704,052 commands, 10,821 requests, 687 saves,
-1,355,577 frames and 687 faults of 21 kinds. No check failed; 40 frames were lost, each in a fault. The longest recovery took 180 ms, from
-a controller that was held in configuration mode.
+Four hours on the Diecimila with the preset `default` (23 November 2026; it took an hour): 704,052
+commands, 10,821 requests, 687 saves, 1,355,577 frames and 687 faults of 21 kinds. No check failed;
+40 frames were lost, each in a fault. The longest recovery took 180 ms, from a controller that was
+held in configuration mode.
 
 ## Mistakes in the program
 
-A test that cannot fail proves nothing. So two programs put mistakes into the firmware, and the tests must notice them.
+A test that cannot fail proves nothing. So two programs put mistakes into the firmware, and the
+tests must notice them.
 
-* `make mutants` runs cargo-mutants with the unit tests: on `crates/`, and on the modules of `src/node` that decide a pulse, load
-  parameters, or set the health. In `actuator.rs`, `actuators.rs`, `servo.rs`, `autopilot.rs`, `agenda.rs`, `condition.rs`, `health.rs` and `store.rs` it
-  made 340 mistakes. Two are not noticed, both in how noise is spread over a new unique ID. In `parameters.rs`, `dronecan-wire` and
-  `mcp2515-ordered` it made 905. 20 are not noticed, all in the driver: bits that its tests never see set, the times at which it checks the
-  chip, and the count of a bus-off. The tests on simulated boards check those. `.cargo/mutants.toml` leaves out mistakes that make the same
-  program, with the reason.
-* `make elf-mutants` breaks the shipped program in 33 places, such as no check of a CRC, a failsafe without limits, or no watchdog, and runs
-  the tests on simulated boards. They notice each.
+* `make mutants` runs cargo-mutants with the unit tests: on `crates/`, and on the modules of
+  `src/node` that decide a pulse, load parameters, or set the health. In `actuator.rs`,
+  `actuators.rs`, `servo.rs`, `autopilot.rs`, `agenda.rs`, `condition.rs`, `health.rs` and
+  `store.rs` it made 340 mistakes. Two are not noticed, both in how noise is spread over a new
+  unique ID. In `parameters.rs`, `dronecan-wire` and `mcp2515-ordered` it made 905. 20 are not
+  noticed, all in the driver: bits that its tests never see set, the times at which it checks the
+  chip, and the count of a bus-off. The tests on simulated boards check those. `.cargo/mutants.toml`
+  leaves out mistakes that make the same program, with the reason.
+* `make elf-mutants` breaks the shipped program in 33 places, such as no check of a CRC, a failsafe
+  without limits, or no watchdog, and runs the tests on simulated boards. They notice each.
 
 ## What the node does not notice
 
-* A filter or a mask of the controller that changes by itself: outside configuration mode all of them read as zero (DS20001801J 4.5), and a
-  change of mode loses frames. The failsafe writes the filters again, because a changed filter may be why commands stopped. A filter that
-  accepts too much only costs time. One that rejects requests or statuses is corrected by the next failsafe or restart.
-* A bit that flips on the SPI while the node reads a command: a single-frame transfer has no CRC that the program can check. The pulse stays
-  within the travel, and the next command corrects it.
+* A filter or a mask of the controller that changes by itself: outside configuration mode all of
+  them read as zero (DS20001801J 4.5), and a change of mode loses frames. The failsafe writes the
+  filters again, because a changed filter may be why commands stopped. A filter that accepts too
+  much only costs time. One that rejects requests or statuses is corrected by the next failsafe or
+  restart.
+* A bit that flips on the SPI while the node reads a command: a single-frame transfer has no CRC
+  that the program can check. The pulse stays within the travel, and the next command corrects it.
 ";
 
 /// Titles of the chapters, with their cases.

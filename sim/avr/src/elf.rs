@@ -301,15 +301,17 @@ mod tests {
         firmware.place(EEPROM_OFFSET + 511, &[0]).unwrap();
         assert!(firmware.check_fits(Chip::Atmega168).is_ok());
         firmware.place(EEPROM_OFFSET + 512, &[0]).unwrap();
-        let text = "513 bytes of data do not fit the 512 bytes of EEPROM of an ATmega168; is it for an ATmega328P? --mcu atmega328p";
+        let text = "513 bytes of data do not fit the 512 bytes of EEPROM of an ATmega168; is it \
+                    for an ATmega328P? --mcu atmega328p";
         assert_rejected(&firmware, Chip::Atmega168, text);
         firmware.place(0x4000, &[0]).unwrap();
-        let text = "16,385 bytes of code and initialised data do not fit the 16,384 bytes of flash of an ATmega168; is it for an \
-                    ATmega328P? --mcu atmega328p";
+        let text = "16,385 bytes of code and initialised data do not fit the 16,384 bytes of \
+                    flash of an ATmega168; is it for an ATmega328P? --mcu atmega328p";
         assert_rejected(&firmware, Chip::Atmega168, text);
         assert!(firmware.check_fits(Chip::Atmega328p).is_ok());
         firmware.place(0x8000, &[0]).unwrap();
-        let text = "32,769 bytes of code and initialised data do not fit the 32,768 bytes of flash of an ATmega328P";
+        let text = "32,769 bytes of code and initialised data do not fit the 32,768 bytes of \
+                    flash of an ATmega328P";
         assert_rejected(&firmware, Chip::Atmega328p, text);
     }
 

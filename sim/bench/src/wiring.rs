@@ -460,8 +460,8 @@ mod tests {
     }
 
     /// The section `.board` of the firmware for an Uno with a module.
-    const UNO: &str = "board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\nservo=D9\nlight=D3\nbutton=D4\n\
-                       sensor=A0\npower=A4,A5\n";
+    const UNO: &str = "board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\\
+                       nservo=D9\nlight=D3\nbutton=D4\nsensor=A0\npower=A4,A5\n";
 
     #[test]
     fn pins_have_the_names_of_the_arduino() {
@@ -494,9 +494,9 @@ mod tests {
             (Chip::Atmega168, pin("D9"), pin("D10"))
         );
         assert_eq!((default.light, default.fastest_bit_rate()), (Some(pin("D3")), 1_000_000));
-        let text = "Arduino Uno (ATmega328P), blue MCP2515 module with TJA1050, crystal marked 8.000: \
-                    CS D10, INT D2, crystal 8 MHz; servo D9, sensor A0, light D3, button D4, \
-                    voltage A4, current A5";
+        let text = "Arduino Uno (ATmega328P), blue MCP2515 module with TJA1050, crystal marked \
+                    8.000: CS D10, INT D2, crystal 8 MHz; servo D9, sensor A0, light D3, button \
+                    D4, voltage A4, current A5";
         assert_eq!(wiring.to_string(), text);
     }
 
@@ -585,12 +585,14 @@ mod tests {
         let error = Wiring::of("mega", "seeed").unwrap_err().to_string();
         assert_eq!(
             error,
-            "no board is called \"mega\": use diecimila, duemilanove, nano, nano-new, nano168, promini, uno"
+            "no board is called \"mega\": use diecimila, duemilanove, nano, nano-new, nano168, \
+             promini, uno"
         );
         let error = Wiring::of("uno", "shield").unwrap_err().to_string();
         assert_eq!(
             error,
-            "no CAN board is called \"shield\": use module, module-16mhz, seeed, seeed-v1.0, sparkfun"
+            "no CAN board is called \"shield\": use module, module-16mhz, seeed, seeed-v1.0, \
+             sparkfun"
         );
     }
 

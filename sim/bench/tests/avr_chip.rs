@@ -339,11 +339,13 @@ fn the_error_of_a_program_that_is_too_large_for_the_chip_has_the_sizes() {
     for (define, expected) in [
         (
             "VARIABLES=1500",
-            "1,500 bytes of variables do not fit the 1,024 bytes of RAM of an ATmega168; is it for an ATmega328P?",
+            "1,500 bytes of variables do not fit the 1,024 bytes of RAM of an ATmega168; is it \
+             for an ATmega328P?",
         ),
         (
             "CODE=20000",
-            " bytes of code and initialised data do not fit the 16,384 bytes of flash of an ATmega168; is it for an",
+            " bytes of code and initialised data do not fit the 16,384 bytes of flash of an \
+             ATmega168; is it for an",
         ),
     ] {
         let firmware = firmware_for(Chip::Atmega328p, "memory", &[define]);
@@ -396,7 +398,8 @@ fn an_access_beyond_the_ram_is_reported_with_its_program_counter() {
         let texts: Vec<&str> = violations.iter().map(|violation| violation.text.as_str()).collect();
         let text = |verb, pc| {
             format!(
-                "the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end} (PC {pc})"
+                "the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end} (PC \
+                 {pc})"
             )
         };
         assert_eq!(texts, [text("reads", "0x0000"), text("writes", "0x0004")]);

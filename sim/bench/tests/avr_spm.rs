@@ -104,7 +104,8 @@ fn an_erase_and_a_write_take_4_5_ms_each_and_the_flash_changes_at_the_end() {
 
 #[test]
 fn selfprgen_reads_1_while_the_flash_is_busy() {
-    let steps = "erase(0x1000); note(SPMCSR); wait(); note(SPMCSR); write(0x1000); note(SPMCSR); wait(); note(SPMCSR)";
+    let steps = "erase(0x1000); note(SPMCSR); wait(); note(SPMCSR); write(0x1000); note(SPMCSR); \
+                 wait(); note(SPMCSR)";
     assert_eq!(notes(steps), [RWWSB | PGERS | SELFPRGEN, RWWSB, RWWSB | PGWRT | SELFPRGEN, RWWSB]);
 }
 
@@ -123,7 +124,8 @@ fn rwwsb_stays_set_until_rwwsre_or_a_fill_of_the_page_buffer_clears_it() {
 #[test]
 fn the_rww_section_reads_0xff_while_rwwsb_is_set() {
     let mut avr = loader(
-        "erase(0x1000); note(load(0x2000)); wait(); note(load(0x2000)); enable_rww(); note(load(0x2000))",
+        "erase(0x1000); note(load(0x2000)); wait(); note(load(0x2000)); enable_rww(); \
+         note(load(0x2000))",
     );
     avr.load_flash(0x2000, &[0x11]);
     run(&mut avr);
@@ -257,7 +259,8 @@ fn the_page_buffer_is_empty_after_a_write_after_rwwsre_and_after_a_reset() {
     let written_again =
         "erase(0x1000); wait(); fill_all(1); write(0x2000); wait(); write(0x1000); wait()";
     let enabled = "erase(0x1000); wait(); fill_all(1); enable_rww(); write(0x1000); wait()";
-    let reset = "if (MCUSR & _BV(PORF)) { MCUSR = 0; fill_all(1); for (;;) { } } erase(0x1000); wait(); write(0x1000); wait()";
+    let reset = "if (MCUSR & _BV(PORF)) { MCUSR = 0; fill_all(1); for (;;) { } } erase(0x1000); \
+                 wait(); write(0x1000); wait()";
     for steps in [written_again, enabled, reset] {
         let mut avr = loader(steps);
         avr.run_until(MS);
@@ -335,7 +338,8 @@ fn a_reset_during_a_write_leaves_erased_new_and_mixed_bytes() {
 /// For nearly all of the 16 ms the flash is busy and the CPU is halted.
 #[test]
 fn the_watchdog_resets_a_halted_cpu() {
-    let steps = "if (MCUSR == _BV(PORF)) { wdt_enable(WDTO_15MS); for (;;) { erase(0x3F00); } } note(SPMCSR)";
+    let steps = "if (MCUSR == _BV(PORF)) { wdt_enable(WDTO_15MS); for (;;) { erase(0x3F00); } } \
+                 note(SPMCSR)";
     let mut avr = loader(steps);
     run(&mut avr);
     let resets = avr.resets();
@@ -434,8 +438,8 @@ fn lock_bits_can_be_read_within_three_cycles_after_the_write_of_spmcsr() {
 
 #[test]
 fn a_program_can_read_the_fuses_and_the_signature() {
-    let steps = "for (uint8_t i = 0; i < 4; i++) note(boot_lock_fuse_bits_get(i)); \
-                 for (uint8_t i = 0; i < 6; i += 2) note(boot_signature_byte_get(i))";
+    let steps = "for (uint8_t i = 0; i < 4; i++) note(boot_lock_fuse_bits_get(i)); for (uint8_t i \
+                 = 0; i < 6; i += 2) note(boot_signature_byte_get(i))";
     for (chip, start, expected) in [
         (Chip::Atmega168, 0x3800, [0xFF, 0xFF, 0xF8, 0xDD, 0x1E, 0x94, 0x06]),
         (Chip::Atmega328p, 0x7800, [0xFF, 0xFF, 0xFD, 0xDA, 0x1E, 0x95, 0x0F]),
@@ -448,8 +452,8 @@ fn a_program_can_read_the_fuses_and_the_signature() {
 
 #[test]
 fn the_interrupt_comes_when_the_flash_is_no_longer_busy() {
-    let steps = "move_vectors(); erase(0x1000); SPMCSR |= _BV(SPMIE); sei(); note(SPMCSR); note(interrupts); wait(); \
-                 note(interrupts); note(SPMCSR)";
+    let steps = "move_vectors(); erase(0x1000); SPMCSR |= _BV(SPMIE); sei(); note(SPMCSR); \
+                 note(interrupts); wait(); note(interrupts); note(SPMCSR)";
     let mut avr = loader(steps);
     run(&mut avr);
     assert_eq!(bytes(&avr, "notes")[..4], [SPMIE | RWWSB | PGERS | SELFPRGEN, 0, 1, RWWSB]);

@@ -71,7 +71,10 @@ impl Gdb {
     /// If the port is in use.
     pub fn open(port: u16, bench: &mut Bench, node: usize) -> Result<Gdb> {
         let listener = TcpListener::bind((Ipv4Addr::LOCALHOST, port)).with_context(|| {
-            format!("cannot wait for avr-gdb on TCP port {port}: is it in use? Choose another with --gdb")
+            format!(
+                "cannot wait for avr-gdb on TCP port {port}: is it in use? Choose another with \
+                 --gdb"
+            )
         })?;
         listener.set_nonblocking(true)?;
         let port = listener.local_addr()?.port();

@@ -386,7 +386,8 @@ mod tests {
         let expected = [
             "  127>120 param.GetSet request SRV_MIN = 1100",
             "        - CAN frame 123#01",
-            "        - invalid frame 1003F20A#0000000000000020 continues a transfer that did not start",
+            "        - invalid frame 1003F20A#0000000000000020 continues a transfer that did not \
+             start",
             "        1 draft.ThesisCommand 90",
             "        - error frame: stuff",
         ];

@@ -203,7 +203,10 @@ impl Watch {
             Ok::<_, Errno>(Watch { inotify, device, openers: 0 })
         };
         watch().with_context(|| {
-            format!("cannot watch {device} with inotify; do other programs use up fs.inotify.max_user_instances?")
+            format!(
+                "cannot watch {device} with inotify; do other programs use up \
+                 fs.inotify.max_user_instances?"
+            )
         })
     }
 

@@ -299,7 +299,8 @@ impl Slcan {
                     let (asked, bus) = (bit_rate / 1000, self.bit_rate / 1000);
                     let path = self.pty.path().display();
                     self.hint = Some(format!(
-                        "the client on {path} requested {asked} kbit/s, but the bus has {bus}: the adapter stays closed"
+                        "the client on {path} requested {asked} kbit/s, but the bus has {bus}: \
+                         the adapter stays closed"
                     ));
                 }
                 self.answer(if self.wrong_rate { ERROR } else { OK });

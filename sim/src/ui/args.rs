@@ -15,14 +15,18 @@ use clap::Parser;
 use std::path::PathBuf;
 
 const ABOUT: &str = "\
-Boots the firmware on a simulated Arduino with an MCP2515, connects it to a simulated CAN bus, and shows what it does.
+Boots the firmware on a simulated Arduino with an MCP2515, connects it to a simulated CAN bus, and \
+                     shows what it does.
 On the bus a simulated autopilot sends NodeStatus and commands that sweep the servo.
 
-On a terminal, sim shows a live view with keys. Elsewhere, or with --plain, it prints one line for each event, with the
+On a terminal, sim shows a live view with keys. Elsewhere, or with --plain, it prints one line for \
+                     each event, with the
 simulated time in seconds, and a summary at the end.
 
-The exit code is 0 if the firmware ran without a crash and without a mistake, 1 if it crashed or misused a chip, 2 if the
-command line is wrong, and 3 after an error of this computer, such as a missing file or a busy port.";
+The exit code is 0 if the firmware ran without a crash and without a mistake, 1 if it crashed or \
+                     misused a chip, 2 if the
+command line is wrong, and 3 after an error of this computer, such as a missing file or a busy \
+                     port.";
 
 fn after_help() -> String {
     let keys: String =
@@ -219,7 +223,8 @@ impl Args {
         let bit_rate = self.bit_rate.unwrap_or(fastest);
         ensure!(
             bit_rate <= fastest,
-            "--bit-rate {bit_rate}: an MCP2515 with a crystal of {} MHz does at most {fastest} bit/s",
+            "--bit-rate {bit_rate}: an MCP2515 with a crystal of {} MHz does at most {fastest} \
+             bit/s",
             wiring.crystal_mhz
         );
         Ok(bit_rate)
@@ -297,7 +302,8 @@ impl Args {
         );
         ensure!(
             (self.servos.is_none() && !self.omit_disarmed) || self.autopilot.commands_several(),
-            "--servos and --omit-disarmed: {} commands one actuator, use --autopilot ardupilot or px4",
+            "--servos and --omit-disarmed: {} commands one actuator, use --autopilot ardupilot or \
+             px4",
             self.autopilot
         );
         ensure!(

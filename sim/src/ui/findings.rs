@@ -60,8 +60,8 @@ impl Findings {
             return None;
         }
         Some(format!(
-            "the node is at {} kbit/s, the bus at {} kbit/s: each gets only errors from the other. Set the program's \
-             bit rate, its crystal (--crystal), or the bus (--bit-rate)",
+            "the node is at {} kbit/s, the bus at {} kbit/s: each gets only errors from the \
+             other. Set the program's bit rate, its crystal (--crystal), or the bus (--bit-rate)",
             kilo(rate),
             kilo(bus_rate.into())
         ))
@@ -81,7 +81,8 @@ impl Findings {
             Some(usual) => format!("the UART is at {usual} baud: set the serial monitor to that"),
             None => {
                 format!(
-                    "the UART is at {rate} baud, which no serial monitor has: is the program for another clock?"
+                    "the UART is at {rate} baud, which no serial monitor has: is the program for \
+                     another clock?"
                 )
             }
         })
@@ -96,7 +97,8 @@ impl Findings {
         self.is_cs_reported = true;
         let cs = board.wiring().cs;
         Some(format!(
-            "{} bytes on the SPI, but CS of the MCP2515 ({cs}) has never been low: is it another pin in the program (--cs)?",
+            "{} bytes on the SPI, but CS of the MCP2515 ({cs}) has never been low: is it another \
+             pin in the program (--cs)?",
             passed.bytes_elsewhere
         ))
     }
@@ -116,7 +118,8 @@ impl Findings {
         let since = *self.stuck_since.get_or_insert(board.now());
         (board.now() - since >= MODE_SETTLED).then(|| {
             format!(
-                "a frame waits to be sent, but the MCP2515 is in {name} mode: it sends in normal mode only (CANCTRL)"
+                "a frame waits to be sent, but the MCP2515 is in {name} mode: it sends in normal \
+                 mode only (CANCTRL)"
             )
         })
     }

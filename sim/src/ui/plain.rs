@@ -234,7 +234,8 @@ pub fn summary(state: &State, speed: Measured) -> String {
         line(
             "SPI",
             format!(
-                "{bytes:.1} bytes in {selects:.1} chip selects a frame, for {received} frames received and {sent} sent"
+                "{bytes:.1} bytes in {selects:.1} chip selects a frame, for {received} frames \
+                 received and {sent} sent"
             ),
         );
     }

@@ -235,7 +235,8 @@ impl Scene {
             self.state.report(0, Event::Link(line));
         }
         if self.needs_real_time() && args.speed != Speed::Factor(1.0) {
-            let text = "--speed is not 1, but clients use the wall clock: they can time out or get too many frames";
+            let text = "--speed is not 1, but clients use the wall clock: they can time out or \
+                        get too many frames";
             self.state.report(0, Event::Link(String::from(text)));
         }
     }

@@ -34,8 +34,9 @@ fn the_tests_below_pass_in_a_namespace_with_only_loopback() {
         .into_iter()
         .find(works)
         .expect("a network namespace: be root, or let sudo work without a password");
-    let script = "\"$0\" links::mcast::tests::inside_without_loopback --ignored --nocapture && ip link set lo up && \
-                  exec \"$0\" links::mcast::tests::inside::  --ignored --test-threads=1 --nocapture";
+    let script = "\"$0\" links::mcast::tests::inside_without_loopback --ignored --nocapture && ip \
+                  link set lo up && exec \"$0\" links::mcast::tests::inside::  --ignored \
+                  --test-threads=1 --nocapture";
     let this = std::env::current_exe().unwrap();
     let output =
         command(way).args(["sh", "-c", script]).arg(this).env(INSIDE, "1").output().unwrap();

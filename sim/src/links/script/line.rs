@@ -180,10 +180,9 @@ mod tests {
 
     #[test]
     fn a_script_has_frames_events_and_comments_in_any_order() {
-        let text = "# warm up\n\n(2.5) temperature -3.5\n (1.000001) can0 123#0102\n(3) button press\n\
-                    (3) button release\n(4.0) fault no-ack\n(4.5) pwr-voltage 1260\n\
-                    (4.5) pwr-current 0\n(5.000000) serial a b\\r\\x1b\\\\\n\
-                    (6) vcan1 00000001#R R\n";
+        let text = "# warm up\n\n(2.5) temperature -3.5\n (1.000001) can0 123#0102\n(3) button \
+                    press\n(3) button release\n(4.0) fault no-ack\n(4.5) pwr-voltage 1260\n(4.5) \
+                    pwr-current 0\n(5.000000) serial a b\\r\\x1b\\\\\n(6) vcan1 00000001#R R\n";
         let actions = parse(text).unwrap();
         let expected = [
             (S + 16, Action::Send(Frame::standard(0x123, &[1, 2]))),
@@ -201,8 +200,8 @@ mod tests {
 
     #[test]
     fn timestamps_of_the_wall_clock_count_from_the_first_line() {
-        let text = "(1795219694.512352) can0 123#\n(1795219695.512354) can0 124#\n\
-                    (1795219695.6) can0 20000008#00\n";
+        let text = "(1795219694.512352) can0 123#\n(1795219695.512354) can0 124#\n(1795219695.6) \
+                    can0 20000008#00\n";
         let times: Vec<_> = parse(text).unwrap().into_iter().map(|(at, _)| at).collect();
         assert_eq!(times[..2], [0, S + 32]);
     }

@@ -115,8 +115,8 @@ impl<W: Write> Writer<W> {
     pub fn new(out: W, start: Cycles, outputs: usize, levels: Levels) -> io::Result<Writer<W>> {
         let names = &NAMES[..NAMES.len().min(WIRES_OF_EVERY_BOARD + outputs)];
         let mut header = String::from(
-            "$comment Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units. $end\n\
-             $timescale 100 ps $end\n$scope module node $end\n",
+            "$comment Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units. \
+             $end\n$timescale 100 ps $end\n$scope module node $end\n",
         );
         for (wire, name) in names {
             header += &format!("$var wire 1 {} {name} $end\n", wire.code() as char);

@@ -26,9 +26,9 @@ fn a_command_in_several_frames_gives_the_entry_for_this_actuator_wherever_it_is(
 fn the_longest_command_has_an_entry_for_each_of_fifteen_actuators() {
     // 1100, 1200, ... 2500 us.
     let frames = frames(
-        "1003F20A 49 48 01 04 4C 64 02 8A | 04 B0 64 03 04 14 65 2A | 04 04 78 65 05 04 DC 0A | 65 06 04 40 66 07 04 2A | \
-         A4 66 08 04 08 67 09 0A | 04 6C 67 0A 04 D0 67 2A | 0B 04 1A 68 0C 04 4C 0A | 68 0D 04 7E 68 0E 04 2A | B0 68 0F 04 E2 \
-         68 4A",
+        "1003F20A 49 48 01 04 4C 64 02 8A | 04 B0 64 03 04 14 65 2A | 04 04 78 65 05 04 DC 0A | \
+         65 06 04 40 66 07 04 2A | A4 66 08 04 08 67 09 0A | 04 6C 67 0A 04 D0 67 2A | 0B 04 1A \
+         68 0C 04 4C 0A | 68 0D 04 7E 68 0E 04 2A | B0 68 0F 04 E2 68 4A",
     );
     assert_eq!(frames.len(), 9);
     for actuator in 1..=15 {
