@@ -405,7 +405,7 @@ impl Autopilot {
         }
         // After the bus was blocked, the autopilot must not send old commands, so it drops a long
         // queue.
-        let frames_each = usize::from(self.settings.servos.max(1));
+        let frames_each = usize::from(self.settings.servos.max(1) + self.settings.motors);
         if self.station.borrow().queued() > OVERDUE_MAX * frames_each {
             self.station.borrow_mut().clear_queue();
         }

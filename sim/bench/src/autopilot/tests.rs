@@ -245,6 +245,22 @@ fn motors_are_commanded_with_the_priority_of_the_profile_and_only_if_there_are_a
     assert!(autopilot.due(F_CPU_HZ).iter().all(|(_, frame)| frame.id != Id::Extended(0x0004_0601)));
 }
 
+/// Three commands of three frames each wait for a busy bus; more would be old.
+#[test]
+fn commands_for_many_motors_wait_for_a_busy_bus_and_old_ones_are_dropped() {
+    let settings =
+        Settings { servos: 0, motors: 8, motor_rate_hz: 400, ..Settings::of(Profile::Ardupilot) };
+    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    let mut queued = |ms: u64| {
+        autopilot.advance(ms * F_CPU_HZ / 1000);
+        autopilot.station.borrow().queued()
+    };
+    assert!((15..22).map(&mut queued).is_sorted());
+    assert!(queued(22) >= 9);
+    let most = (23..60).map(queued).max().unwrap();
+    assert!(most < 40, "{most}");
+}
+
 #[test]
 fn ardupilot_can_command_pulse_widths() {
     let mut autopilot = like(Profile::ArdupilotPwm);
