@@ -190,7 +190,7 @@ test-library:
 
 test-host:
 	cargo test -p bounds -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
-		-p bus-load -p can-link -p node-update -p avr-model -p bench -p sim -p rig
+		-p bus-load -p can-link -p node-update -p avr-chip -p avr-model -p bench -p sim -p rig
 
 # They run the program that is in target/firmware, so it must be of these sources.
 TEST_FILES := $(patsubst tests/%.rs,%,$(wildcard tests/*.rs))

@@ -11,8 +11,8 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use anyhow::Result;
 use simavr_ffi as ffi;
 
-use super::chip::Chip;
 use super::core::{Core, WriteHandler};
+use avr_chip::{Chip, Violation};
 use sim_base::Cycles;
 use sim_base::Noise;
 
@@ -25,15 +25,6 @@ const OUT: u16 = 0xB800;
 const BIT_INSTRUCTIONS: u16 = 0x9800;
 const SBI: u16 = 0x9A00;
 const CBI: u16 = 0x9800;
-
-/// A mistake of the program that a real chip does not report.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Violation {
-    /// Time of the mistake.
-    pub at: Cycles,
-    /// Description of the mistake, with the program counter.
-    pub text: String,
-}
 
 /// A timer of a model, by its unique name. It has at most one expiry time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -14,8 +14,8 @@ use std::sync::Once;
 use anyhow::{Result, ensure};
 use simavr_ffi as ffi;
 
-use super::chip::Chip;
 use super::regs;
+use avr_chip::Chip;
 use sim_base::F_CPU_HZ;
 
 unsafe extern "C" {

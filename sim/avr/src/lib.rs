@@ -10,6 +10,7 @@
 //! ```text
 //! Avr (this file)
 //! debugger               a debugger's access to the machine
+//! processor              `Avr` as the processor of a board
 //! machine                the run loop, resets, simavr's callbacks
 //! ├─ peripherals
 //! │  ├─ spi, uart, nvm   replace simavr's models (nvm: eeprom, spm)
@@ -34,18 +35,15 @@
 
 mod adc;
 mod base;
-mod chip;
 mod core;
 mod debug;
 mod debugger;
 mod eeprom;
-mod elf;
 mod extint;
-mod hex;
 mod machine;
 mod nvm;
 mod pins;
-mod pulse;
+mod processor;
 pub mod regs;
 mod spi;
 mod spm;
@@ -61,37 +59,19 @@ use std::rc::{Rc, Weak};
 
 use anyhow::{Context, Result};
 
-pub use base::Violation;
-pub use chip::Chip;
+pub use avr_chip::{
+    Chip, Firmware, Oc, PinDriver, PinWatcher, Processor, Pulse, PulseMeter, Reset, ResetCause,
+    SerialCharacter, SpiByte, SpiDevice, State, Symbol, Violation, WatchdogOscillator, oc2b_duty,
+    power_on_ram, value_of,
+};
 pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};
-pub use elf::{Firmware, Symbol, value_of};
-pub use machine::{Reset, ResetCause};
-pub use pins::PinWatcher;
-pub use pulse::{Pulse, PulseMeter};
-pub use spi::{SpiByte, SpiDevice};
 pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
-pub use timers::Oc;
 pub use trace::{Moment, Tracer};
-pub use uart::SerialCharacter;
 
 use self::core::Activity;
 use machine::Machine;
 use sim_base::{Cycles, F_CPU_HZ};
-
-/// State of the processor.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
-    /// Executes instructions.
-    Running,
-    /// Sleeps until an interrupt.
-    Sleeping,
-    /// The program counter, a byte address, left the flash, or is in flash that cannot be read
-    /// while other flash is programmed. Only a reset ends this state.
-    Crashed(u32),
-    /// Sleeps with interrupts off. Only a reset ends this state.
-    Done,
-}
 
 /// A simulated chip.
 pub struct Avr {
@@ -373,20 +353,7 @@ impl Avr {
 
     /// Duty cycle of OC2B (D3), 0 to 1, if Timer2 drives it in a PWM mode (datasheet section 18.7).
     pub fn oc2b_duty(&self) -> Option<f64> {
-        let get = |address| self.machine.base.core.get(address);
-        let (control_a, control_b) = (get(regs::TCCR2A), get(regs::TCCR2B));
-        let com2b = (control_a >> 4) & 0b11;
-        let drives = get(regs::DDRD) & 1 << 3 != 0 && control_b & 0b111 != 0 && com2b & 0b10 != 0;
-        let (ocr, ocra) = (f64::from(get(regs::OCR2B)), f64::from(get(regs::OCR2A)));
-        let duty = match (control_b & 0b1000) >> 1 | control_a & 0b11 {
-            1 => ocr / 255.0,
-            3 => (ocr + 1.0) / 256.0,
-            5 => ocr / ocra.max(1.0),
-            7 => (ocr + 1.0) / (ocra + 1.0),
-            _ => return None,
-        };
-        let duty = duty.min(1.0);
-        drives.then_some(if com2b == 0b11 { 1.0 - duty } else { duty })
+        avr_chip::oc2b_duty(|address| self.machine.base.core.get(address))
     }
 
     /// A byte of the data space: registers, I/O or SRAM. Reading has no side effect.

@@ -21,18 +21,18 @@ use simavr_ffi as ffi;
 
 use super::adc::Adc;
 use super::base::{Base, Peripheral, Timer, TimerSlot};
-use super::chip::Chip;
 use super::core::{Access, Activity, Core, FLASH_LPM, FLASH_SPM};
 use super::debug::Debug;
 use super::extint::ExternalInterrupts;
 use super::nvm::Nvm;
-use super::pins::{PORT_B, PORT_D, PinWatcher, Pins};
+use super::pins::{PORT_B, PORT_D, Pins};
 use super::regs;
 use super::spi::Spi;
 use super::timers::Timers;
 use super::trace::Trace;
 use super::uart::Uart;
 use super::watchdog::Watchdog;
+use avr_chip::{Chip, PinWatcher, Reset, ResetCause, power_on_ram};
 use sim_base::Cycles;
 use sim_base::Noise;
 
@@ -84,29 +84,6 @@ const ICP1: u8 = 0;
 
 /// End of the addresses of registers.
 const REGISTERS: usize = 0x100;
-
-/// Cause of a reset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum ResetCause {
-    /// Power-on: SRAM and registers have random contents, and of the flags in MCUSR only PORF is
-    /// set.
-    PowerOn,
-    /// The RESET pin was low.
-    External,
-    /// The supply was too low for a moment.
-    BrownOut,
-    /// The watchdog timed out.
-    Watchdog,
-}
-
-/// A reset of the chip.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Reset {
-    /// Time of the reset.
-    pub at: Cycles,
-    /// Cause of the reset.
-    pub cause: ResetCause,
-}
 
 /// A chip: the core and the models around it.
 pub(super) struct Machine {
@@ -215,8 +192,8 @@ impl Machine {
         self.base.core.set(regs::MCUSR, flags);
         if cause == ResetCause::PowerOn {
             let mut noise = self.power_on_noise.borrow_mut();
-            for address in (0..0x20).chain(regs::RAMSTART..=self.base.core.chip().ram_end()) {
-                self.base.core.set(address, noise.next_u64() as u8);
+            for (address, value) in power_on_ram(self.base.core.chip(), &mut noise) {
+                self.base.core.set(address, value);
             }
             self.peripherals.nvm.eeprom.borrow_mut().lose_power(noise.next_u64() as u8);
         }

@@ -11,10 +11,8 @@ use simavr_ffi as ffi;
 
 use super::base::Base;
 use super::regs;
+use avr_chip::PinWatcher;
 use sim_base::Cycles;
-
-/// Receives each new level of a pin.
-pub type PinWatcher = Box<dyn FnMut(bool, Cycles)>;
 
 const PORTS: [char; 3] = ['B', 'C', 'D'];
 /// Index of port B.

@@ -10,8 +10,7 @@
 
 /// First I/O register, after R0 to R31.
 pub const IO_FIRST: u16 = 0x20;
-/// First byte of the internal SRAM.
-pub const RAMSTART: u16 = 0x0100;
+pub use avr_chip::RAMSTART;
 
 pub const PINB: u16 = 0x23;
 pub const DDRB: u16 = 0x24;

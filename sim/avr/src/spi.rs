@@ -8,9 +8,9 @@
 use std::cell::RefCell;
 
 use super::base::{Base, Peripheral, Timer};
-use super::chip::Chip;
 use super::core::Vector;
 use super::regs::{CPHA, CPOL, DDRB, DORD, MSTR, SPCR, SPDR, SPE, SPI2X, SPIF, SPR, SPSR, WCOL};
+use avr_chip::{Chip, SpiByte, SpiDevice};
 use sim_base::Cycles;
 use sim_base::Noise;
 
@@ -21,39 +21,6 @@ const TIMER: Timer = Timer("SPI");
 const SS: u8 = 1 << 2;
 const MOSI: u8 = 1 << 3;
 const SCK: u8 = 1 << 5;
-
-/// A byte on the SPI, which the device gets at the end of the last bit.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SpiByte {
-    /// The byte on MOSI, with the first bit on the wire as the most significant one.
-    pub mosi: u8,
-    /// Time at which the program wrote SPDR.
-    pub start: Cycles,
-    /// Time of the end of the last bit.
-    pub end: Cycles,
-    /// Length of an SCK period in CPU cycles.
-    pub cycles_per_bit: u64,
-    /// SPI mode: CPOL * 2 + CPHA.
-    pub mode: u8,
-}
-
-/// A device on the SPI.
-pub trait SpiDevice {
-    /// Begins a byte: the device latches the byte that it shifts out.
-    fn begin_byte(&mut self, at: Cycles);
-
-    /// Ends a byte. Returns the byte that the device shifted out.
-    fn end_byte(&mut self, byte: &SpiByte) -> u8;
-}
-
-/// A device that calculates its byte at the end of the transfer.
-impl<F: FnMut(&SpiByte) -> u8> SpiDevice for F {
-    fn begin_byte(&mut self, _at: Cycles) {}
-
-    fn end_byte(&mut self, byte: &SpiByte) -> u8 {
-        self(byte)
-    }
-}
 
 /// The SPI and the device on it.
 #[derive(Default)]

@@ -28,14 +28,12 @@ use self::counter::{Counter, ICF, Step};
 use self::layout::{LAYOUTS, Layout};
 use self::outputs::Output;
 use super::base::{Base, Peripheral, Timer};
-use super::chip::Chip;
 use super::core::Vector;
 use super::pins::Overrides;
 use super::regs;
+use avr_chip::{Chip, Oc};
 use sim_base::Cycles;
 use sim_base::Noise;
-
-pub use self::outputs::Oc;
 
 /// Expire at the next event of a timer.
 const EVENTS: [Timer; 3] = [Timer("timer 0"), Timer("timer 1"), Timer("timer 2")];

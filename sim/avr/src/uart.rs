@@ -10,12 +10,12 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 
 use super::base::{Base, Peripheral, Timer};
-use super::chip::Chip;
 use super::core::Vector;
 use super::regs::{
     DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C,
     UCSZ02, UDR0, UDRE0, UDRIE0, UPM0, USBS0,
 };
+use avr_chip::{Chip, SerialCharacter};
 use sim_base::Cycles;
 use sim_base::Noise;
 
@@ -26,22 +26,6 @@ const RECEIVE: Timer = Timer("UART receive");
 
 /// Most received bytes that wait for the program (section 20.7.3: "two level FIFO").
 const RECEIVE_FIFO: usize = 2;
-
-/// A character on TXD or RXD.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SerialCharacter {
-    /// True for RXD, to the chip; false for TXD.
-    pub to_chip: bool,
-    /// Time of the start of the start bit.
-    pub start: Cycles,
-    /// Length of a bit in CPU cycles.
-    pub cycles_per_bit: u64,
-    /// The levels of the bits. Bit 0 is the start bit.
-    pub levels: u16,
-    /// Number of bits: 10 for 8N1. 0 if a reset has cut off the last character, and the line is
-    /// idle from `start` on.
-    pub bits: u8,
-}
 
 /// USART0 and the lines TXD and RXD.
 #[derive(Debug, Default)]

@@ -10,19 +10,11 @@ use super::layout::LAYOUTS;
 use crate::base::Base;
 use crate::pins::{PORT_D, port_register};
 use crate::regs;
+use avr_chip::Oc;
 use sim_base::Cycles;
 
 /// Most edges that are kept; then the oldest are dropped. Enough for more than 5 h of servo pulses.
 const EDGE_LIMIT: usize = 1 << 21;
-
-/// One of the two output compare pins of Timer1.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Oc {
-    /// OC1A = PB1 = D9.
-    A,
-    /// OC1B = PB2 = D10.
-    B,
-}
 
 /// A pin that a compare unit can drive.
 #[derive(Debug)]
