@@ -22,6 +22,7 @@ pub mod draft;
 pub mod esc;
 pub mod id;
 pub mod management;
+#[cfg(not(target_family = "wasm"))]
 pub mod mcast;
 pub mod message;
 mod sessions;
