@@ -4,26 +4,35 @@
 //! further while it is idle. Each board runs to that time, then the bus does, then the boards
 //! update their INT pins. A board can overshoot that time by one instruction.
 
+use crate::avr::Processor;
 use crate::board::Board;
 use crate::can::{Bus, PortId, StationRef};
-use crate::{Cycles, F_CPU_HZ};
+use crate::{Cycles, F_CPU_HZ, StandardProcessor};
 
 /// Boards and other stations on one bus.
-pub struct Bench {
-    boards: Vec<Board>,
+pub struct Bench<P = StandardProcessor> {
+    boards: Vec<Board<P>>,
     ports: Vec<PortId>,
     bus: Bus,
     now: Cycles,
 }
 
+#[cfg(feature = "simavr")]
 impl Bench {
-    /// An empty bus with `bit_rate` bits per second.
+    /// An empty bus with `bit_rate` bits per second, for boards with simavr.
     pub fn new(bit_rate: u32) -> Bench {
+        Bench::of_processor(bit_rate)
+    }
+}
+
+impl<P: Processor> Bench<P> {
+    /// An empty bus with `bit_rate` bits per second, for boards with this processor.
+    pub fn of_processor(bit_rate: u32) -> Bench<P> {
         Bench { boards: Vec::new(), ports: Vec::new(), bus: Bus::new(bit_rate), now: 0 }
     }
 
     /// Connects a board to the bus. Returns the board's number.
-    pub fn add_board(&mut self, board: Board, name: &str) -> usize {
+    pub fn add_board(&mut self, board: Board<P>, name: &str) -> usize {
         self.ports.push(self.bus.attach(name, board.chip()));
         self.boards.push(board);
         self.boards.len() - 1
@@ -40,12 +49,12 @@ impl Bench {
     }
 
     /// The board with number `index`.
-    pub fn board(&mut self, index: usize) -> &mut Board {
+    pub fn board(&mut self, index: usize) -> &mut Board<P> {
         &mut self.boards[index]
     }
 
     /// All boards.
-    pub fn boards(&mut self) -> &mut [Board] {
+    pub fn boards(&mut self) -> &mut [Board<P>] {
         &mut self.boards
     }
 
@@ -80,7 +89,7 @@ impl Bench {
     /// a debugger halts a board.
     pub fn run_until_or(
         &mut self,
-        mut condition: impl FnMut(&mut Bench) -> bool,
+        mut condition: impl FnMut(&mut Bench<P>) -> bool,
         timeout: Cycles,
     ) -> bool {
         let end = self.now + timeout;

@@ -19,110 +19,30 @@
 //! both chips start at the same time. A real AVR with the Diecimila's fuses starts about 65 ms
 //! later, which gives the MCP2515 more time to start.
 
-use std::cell::{Cell, RefCell};
-use std::path::Path;
+#[cfg(feature = "simavr")]
+mod load;
+mod wires;
+
+use std::cell::RefCell;
 use std::rc::Rc;
 
 use anyhow::{Context, Result};
 
-use crate::Cycles;
-use crate::avr::{
-    Avr, Firmware, InputPin, Oc, Pulse, PulseMeter, ResetCause, SerialCharacter, SpiByte,
-    SpiDevice, State,
-};
+use crate::avr::{Oc, Processor, Pulse, PulseMeter, ResetCause, State};
 use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
 use crate::wiring::{Pin, Wiring};
-use sim_base::Noise;
+use crate::{Cycles, StandardProcessor};
+use wires::{SpiEnd, Wires};
+pub use wires::{SpiUse, Violation, WireEvent};
 
 /// D3 is the output OC2B of Timer2, which can dim a light.
 const OC2B: (char, u8) = ('D', 3);
 
-/// A mistake of the firmware that a model has detected.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Violation {
-    /// Time of the mistake.
-    pub at: Cycles,
-    /// Model that detected the mistake: `AVR`, `MCP2515` or `board`.
-    pub source: &'static str,
-    /// Description of the mistake.
-    pub text: String,
-}
-
-/// Counters of the SPI since power-on.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub struct SpiUse {
-    /// Falling edges of CS of the MCP2515.
-    pub selects: u64,
-    /// Bytes while CS was low.
-    pub bytes: u64,
-    /// Bytes while CS was high: for another device on the same SPI, or for none.
-    pub bytes_elsewhere: u64,
-}
-
-/// An event that a probe on the board's wires records. A level is true if it is high.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum WireEvent {
-    /// New level of CS.
-    Cs(bool),
-    /// New level of INT, at the time at which the AVR sees it.
-    Int(bool),
-    /// New level of the servo's signal.
-    Servo(bool),
-    /// New level of output 2 or a further one.
-    Output {
-        /// Index in [`Wiring::outputs`].
-        index: usize,
-        high: bool,
-    },
-    /// A byte on the SPI.
-    Spi {
-        /// Byte that the MCP2515 receives, with its noise.
-        byte: SpiByte,
-        /// Byte that the AVR receives.
-        miso: u8,
-    },
-    /// A character on TXD or RXD.
-    Serial(SerialCharacter),
-}
-
-/// The wires between the two chips.
-struct Wires {
-    chip: Rc<RefCell<Mcp2515>>,
-    int_input: InputPin,
-    int_level: Cell<bool>,
-    selected: Cell<bool>,
-    /// Byte that MISO reads while the MCP2515 has no power; `None` while it has power.
-    dead_miso: Cell<Option<u8>>,
-    /// Byte that MISO reads while MISO is shorted.
-    stuck_miso: Cell<Option<u8>>,
-    /// Level of INT while INT is shorted.
-    stuck_int: Cell<Option<bool>>,
-    noise_per_million: Cell<u32>,
-    noise: RefCell<Noise>,
-    violations: RefCell<Vec<Violation>>,
-    spi_use: Cell<SpiUse>,
-    /// Events since the last call of `take_wire_events`, if a probe is attached.
-    probe: RefCell<Option<Vec<(Cycles, WireEvent)>>>,
-}
-
-/// Connects the MCP2515 to the AVR's SPI.
-struct SpiEnd(Rc<Wires>);
-
-impl SpiDevice for SpiEnd {
-    fn begin_byte(&mut self, at: Cycles) {
-        self.0.begin_byte(at);
-    }
-
-    fn end_byte(&mut self, byte: &SpiByte) -> u8 {
-        self.0.end_byte(byte)
-    }
-}
-
 /// A board with its two chips and its outputs.
-pub struct Board {
+pub struct Board<P = StandardProcessor> {
     wiring: Wiring,
-    avr: Avr,
+    avr: P,
     /// Output of Timer1 to which the servo is wired.
     servo_output: Oc,
     sensor_channel: u8,
@@ -144,7 +64,7 @@ struct SwitchedOutput {
 }
 
 impl SwitchedOutput {
-    fn attach(avr: &mut Avr, pin: Pin) -> SwitchedOutput {
+    fn attach(avr: &mut impl Processor, pin: Pin) -> SwitchedOutput {
         let edges = Rc::new(RefCell::new(Vec::new()));
         let seen = Rc::clone(&edges);
         avr.watch_pin(
@@ -156,49 +76,12 @@ impl SwitchedOutput {
     }
 }
 
-impl Board {
-    /// A board with the firmware of an ELF file, powered on at time 0.
-    ///
-    /// # Errors
-    /// If the file is missing, or is not a program for a board that the simulator knows.
-    pub fn load(elf: &Path) -> Result<Board> {
-        let firmware = Firmware::read(elf)?;
-        let wiring = Wiring::of_program(&firmware).with_context(|| elf.display().to_string())?;
-        Board::programmed(&wiring, &firmware).with_context(|| elf.display().to_string())
-    }
-
-    /// A board with the firmware of an ELF file and the given wiring, powered on at time 0.
-    ///
-    /// # Errors
-    /// Those of [`Board::load`], and if the wiring is impossible.
-    pub fn load_as(elf: &Path, wiring: &Wiring) -> Result<Board> {
-        Board::programmed(wiring, &Firmware::read(elf)?).with_context(|| elf.display().to_string())
-    }
-
-    /// A board with a firmware that is read already, powered on at time 0.
-    ///
-    /// # Errors
-    /// If the firmware does not fit the chip, or the wiring is impossible.
-    pub fn programmed(wiring: &Wiring, firmware: &Firmware) -> Result<Board> {
-        Board::wired(Avr::programmed(wiring.chip, firmware)?, wiring)
-    }
-
-    /// A board with the given AVR. The wiring is that of the AVR's program, or else the default.
-    ///
-    /// # Panics
-    /// If the wiring is impossible.
-    pub fn new(avr: Avr) -> Board {
-        let wiring = Wiring::of_section(avr.board_section());
-        wiring
-            .and_then(|wiring| Board::wired(avr, &wiring))
-            .unwrap_or_else(|error| panic!("{error:#}"))
-    }
-
+impl<P: Processor> Board<P> {
     /// A board with the given AVR and wiring.
     ///
     /// # Errors
     /// If the wiring is impossible.
-    pub fn wired(mut avr: Avr, wiring: &Wiring) -> Result<Board> {
+    pub fn wired(mut avr: P, wiring: &Wiring) -> Result<Board<P>> {
         wiring.check()?;
         let servo_output =
             wiring.servo.timer1_output().context("the servo needs an output of Timer1")?;
@@ -211,21 +94,8 @@ impl Board {
             .transpose()?;
         let wiring = Wiring { chip: avr.chip(), ..wiring.clone() };
         let chip = Rc::new(RefCell::new(Mcp2515::new(wiring.crystal_hz())));
-        let wires = Rc::new(Wires {
-            chip,
-            int_input: avr.input_pin(wiring.int.port(), wiring.int.bit()),
-            int_level: Cell::new(true),
-            selected: Cell::new(false),
-            dead_miso: Cell::new(None),
-            stuck_miso: Cell::new(None),
-            stuck_int: Cell::new(None),
-            noise_per_million: Cell::new(0),
-            noise: RefCell::new(Noise::new(0)),
-            violations: RefCell::default(),
-            spi_use: Cell::default(),
-            probe: RefCell::default(),
-        });
-        wires.int_input.drive(true);
+        let int = avr.pin_driver(wiring.int.port(), wiring.int.bit());
+        let wires = Rc::new(Wires::new(chip, int));
         avr.drive_pin(wiring.cs.port(), wiring.cs.bit(), true);
         let cs = Rc::clone(&wires);
         avr.watch_pin(
@@ -265,12 +135,12 @@ impl Board {
     }
 
     /// The microcontroller.
-    pub fn avr(&self) -> &Avr {
+    pub fn avr(&self) -> &P {
         &self.avr
     }
 
     /// The microcontroller, to drive its pins and serial port.
-    pub fn avr_mut(&mut self) -> &mut Avr {
+    pub fn avr_mut(&mut self) -> &mut P {
         &mut self.avr
     }
 
@@ -299,7 +169,7 @@ impl Board {
     pub fn reset(&mut self, cause: ResetCause) {
         let now = self.avr.now();
         self.avr.reset(cause);
-        if cause == ResetCause::PowerOn && self.wires.dead_miso.get().is_none() {
+        if cause == ResetCause::PowerOn && self.wires.has_power() {
             self.chip_reset_at(now);
         }
     }
@@ -366,8 +236,7 @@ impl Board {
     /// Flips each bit on MOSI and on MISO with this probability; 0 ends the noise. Equal seeds give
     /// equal noise.
     pub fn set_spi_noise(&mut self, per_million: u32, seed: u64) {
-        self.wires.noise_per_million.set(per_million);
-        self.wires.noise.replace(Noise::new(seed));
+        self.wires.set_noise(per_million, seed);
     }
 
     /// Sets the temperature at the sensor in degrees Celsius.
@@ -377,7 +246,7 @@ impl Board {
 
     /// Sets the voltage at the sensor's pin, for a broken sensor or one of another type.
     pub fn set_sensor_millivolts(&mut self, millivolts: u32) {
-        self.avr.set_analog(self.sensor_channel, millivolts);
+        self.avr.set_analog_uv(self.sensor_channel, millivolts * 1000);
     }
 
     /// Sets the voltages at the ADC inputs for the voltage and the current of the circuit, in
@@ -386,7 +255,7 @@ impl Board {
     pub fn set_circuit_millivolts(&mut self, voltage: u32, current: u32) {
         let Some(channels) = self.circuit_channels else { return };
         for (channel, millivolts) in channels.into_iter().zip([voltage, current]) {
-            self.avr.set_analog(channel, millivolts);
+            self.avr.set_analog_uv(channel, millivolts * 1000);
         }
     }
 
@@ -505,83 +374,5 @@ impl Board {
     fn chip_reset_at(&self, at: Cycles) {
         self.wires.chip.borrow_mut().hardware_reset(at);
         self.wires.update_int(at);
-    }
-}
-
-impl Wires {
-    fn record(&self, at: Cycles, event: WireEvent) {
-        if let Some(probe) = self.probe.borrow_mut().as_mut() {
-            probe.push((at, event));
-        }
-    }
-
-    fn update_int(&self, at: Cycles) {
-        let level = self.dead_miso.get().is_some() || self.chip.borrow().int_pin();
-        let level = self.stuck_int.get().unwrap_or(level);
-        if self.int_level.replace(level) != level {
-            self.record(at, WireEvent::Int(level));
-            self.int_input.drive(level);
-        }
-    }
-
-    fn chip_select(&self, level: bool, at: Cycles) {
-        let was_selected = self.selected.replace(!level);
-        let so_far = self.spi_use.get();
-        self.spi_use
-            .set(SpiUse { selects: so_far.selects + u64::from(!level && !was_selected), ..so_far });
-        self.record(at, WireEvent::Cs(level));
-        if self.dead_miso.get().is_none() {
-            let mut chip = self.chip.borrow_mut();
-            if level {
-                chip.deselect(at)
-            } else {
-                chip.select(at)
-            }
-            drop(chip);
-            self.update_int(at);
-        }
-    }
-
-    fn begin_byte(&self, at: Cycles) {
-        if self.dead_miso.get().is_none() {
-            self.chip.borrow_mut().begin_byte(at);
-        }
-    }
-
-    fn end_byte(&self, byte: &SpiByte) -> u8 {
-        let so_far = self.spi_use.get();
-        self.spi_use.set(match self.selected.get() {
-            true => SpiUse { bytes: so_far.bytes + 1, ..so_far },
-            false => SpiUse { bytes_elsewhere: so_far.bytes_elsewhere + 1, ..so_far },
-        });
-        let byte = SpiByte { mosi: self.with_noise(byte.mosi), ..*byte };
-        let miso = self.answer(&byte);
-        self.record(byte.start, WireEvent::Spi { byte, miso });
-        miso
-    }
-
-    /// The byte on MISO for a byte on MOSI.
-    fn answer(&self, byte: &SpiByte) -> u8 {
-        if let Some(miso) = self.dead_miso.get() {
-            return miso;
-        }
-        if self.selected.get() && !matches!(byte.mode, 0 | 3) {
-            let text = format!("SPI mode {}: the MCP2515 takes 0 and 3 only", byte.mode);
-            self.violations.borrow_mut().push(Violation { at: byte.end, source: "board", text });
-            return 0xFF;
-        }
-        let miso = self.chip.borrow_mut().end_byte(byte.mosi, byte.end);
-        self.update_int(byte.end);
-        self.with_noise(self.stuck_miso.get().unwrap_or(miso))
-    }
-
-    fn with_noise(&self, byte: u8) -> u8 {
-        let per_million = self.noise_per_million.get();
-        if per_million == 0 {
-            return byte;
-        }
-        let mut noise = self.noise.borrow_mut();
-        (0..8)
-            .fold(byte, |byte, bit| if noise.chance(per_million) { byte ^ 1 << bit } else { byte })
     }
 }

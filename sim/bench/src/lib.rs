@@ -2,6 +2,7 @@
 //!
 //! [`Bench`] runs [boards](board) and other stations on one bus. A board has an AVR, an MCP2515,
 //! and the parts that [`wiring`] connects to them. [`autopilot`] commands it like ArduPilot or PX4.
+//! The processor is simavr, unless the feature `simavr` is off: then boards name another one.
 
 #![forbid(unsafe_code)]
 
@@ -10,14 +11,30 @@ mod bench;
 pub mod autopilot;
 pub mod board;
 pub mod budget;
+#[cfg(feature = "simavr")]
 pub mod firmware;
 pub mod lm35;
 pub mod wiring;
 
 /// The models of the chips and of the bus, and the DroneCAN code of the other stations.
-pub use {avr_model as avr, can_model as can, dronecan_host as dronecan, mcp2515_model as mcp2515};
+pub use {can_model as can, dronecan_host as dronecan, mcp2515_model as mcp2515};
+
+/// What models of the chips share.
+#[cfg(not(feature = "simavr"))]
+pub use avr_chip as avr;
+/// simavr, and with it all that models of the chips share.
+#[cfg(feature = "simavr")]
+pub use avr_model as avr;
+
+/// The processor of a board for which none is named.
+#[cfg(feature = "simavr")]
+pub type StandardProcessor = avr_model::Avr;
+/// The processor of a board for which none is named: none. A board names its own.
+#[cfg(not(feature = "simavr"))]
+pub type StandardProcessor = std::convert::Infallible;
 
 pub use bench::Bench;
+#[cfg(feature = "simavr")]
 pub use firmware::{
     bootloader, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf, root,
     target_dir,

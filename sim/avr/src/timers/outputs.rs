@@ -10,7 +10,6 @@ use super::layout::LAYOUTS;
 use crate::base::Base;
 use crate::pins::{PORT_D, port_register};
 use crate::regs;
-use avr_chip::Oc;
 use sim_base::Cycles;
 
 /// Most edges that are kept; then the oldest are dropped. Enough for more than 5 h of servo pulses.

@@ -1,0 +1,48 @@
+//! Boards whose processor is simavr.
+
+use std::path::Path;
+
+use anyhow::{Context, Result};
+
+use super::Board;
+use crate::avr::{Avr, Firmware};
+use crate::wiring::Wiring;
+
+impl Board<Avr> {
+    /// A board with the firmware of an ELF file, powered on at time 0.
+    ///
+    /// # Errors
+    /// If the file is missing, or is not a program for a board that the simulator knows.
+    pub fn load(elf: &Path) -> Result<Board> {
+        let firmware = Firmware::read(elf)?;
+        let wiring = Wiring::of_program(&firmware).with_context(|| elf.display().to_string())?;
+        Board::programmed(&wiring, &firmware).with_context(|| elf.display().to_string())
+    }
+
+    /// A board with the firmware of an ELF file and the given wiring, powered on at time 0.
+    ///
+    /// # Errors
+    /// Those of [`Board::load`], and if the wiring is impossible.
+    pub fn load_as(elf: &Path, wiring: &Wiring) -> Result<Board> {
+        Board::programmed(wiring, &Firmware::read(elf)?).with_context(|| elf.display().to_string())
+    }
+
+    /// A board with a firmware that is read already, powered on at time 0.
+    ///
+    /// # Errors
+    /// If the firmware does not fit the chip, or the wiring is impossible.
+    pub fn programmed(wiring: &Wiring, firmware: &Firmware) -> Result<Board> {
+        Board::wired(Avr::programmed(wiring.chip, firmware)?, wiring)
+    }
+
+    /// A board with the given AVR. The wiring is that of the AVR's program, or else the default.
+    ///
+    /// # Panics
+    /// If the wiring is impossible.
+    pub fn new(avr: Avr) -> Board {
+        let wiring = Wiring::of_section(avr.board_section());
+        wiring
+            .and_then(|wiring| Board::wired(avr, &wiring))
+            .unwrap_or_else(|error| panic!("{error:#}"))
+    }
+}
