@@ -11,9 +11,12 @@ mod bench;
 pub mod autopilot;
 pub mod board;
 pub mod budget;
+pub mod fault;
 #[cfg(feature = "simavr")]
 pub mod firmware;
+pub mod inject;
 pub mod lm35;
+pub mod vendor_code;
 pub mod wiring;
 
 /// The models of the chips and of the bus, and the DroneCAN code of the other stations.

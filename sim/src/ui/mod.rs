@@ -23,5 +23,4 @@ pub mod screen;
 pub mod state;
 mod styles;
 pub mod traffic;
-pub mod vendor_code;
 pub mod wires;

@@ -21,16 +21,15 @@ use bench::autopilot::{Autopilot, Moves, Settings};
 use bench::avr::{self, Avr, Firmware, ResetCause, regs};
 use bench::board::Board;
 use bench::budget::{Budget, PAINT};
-use bench::can::{self, Frame, PortId, SoftNode};
+use bench::can::{self, PortId};
 use bench::dronecan::text::visible;
+use bench::inject::{Injector, Target};
 use bench::mcp2515::Fate;
 use bench::wiring::Wiring;
 use bench::{Bench, node_elf};
 use bench::{Cycles, F_CPU_HZ};
-use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::path::Path;
-use std::rc::Rc;
 
 /// Value of an erased flash byte.
 const ERASED: u8 = 0xFF;
@@ -40,25 +39,8 @@ const STACK_BOTTOM_SYMBOL: &str = "__heap_start";
 const PAINTED_BYTES: u16 = 16;
 /// Simulated time between two measurements of the stack.
 const STACK_PERIOD: Cycles = F_CPU_HZ / 10;
-/// Number of the bit on the bus that a bit error inverts: in the data field of an extended frame.
-const FLIPPED_BIT: u32 = 50;
-const ERROR_RATE_PER_MILLION: u32 = 200;
-const SPI_NOISE_PER_MILLION: u32 = 100;
-const ERROR_STORM_PER_MILLION: u32 = 10_000;
-const SENSOR_NOISE_MILLIVOLTS: u32 = 100;
-/// Register CNF2 of the MCP2515.
-const CNF2: u8 = 0x29;
-/// Identifier of a NodeStatus, with sender 0.
-const NODE_STATUS_ID: u32 = 0x1801_5500;
 /// Sender of the fault `same-id` before the first NodeStatus of the node.
 const DEFAULT_NODE_ID: u8 = 120;
-/// Fixed, so that each run has the same bus, SPI and sensor noise.
-const NOISE_SEED: u64 = 1;
-/// Identifier of the babbler's frame: highest priority, an unknown message type, and the node ID of
-/// a tool (127).
-const BABBLE_ID: u32 = 0x0000_0A7F;
-/// The longest frame, with a valid tail byte, so that receivers accept it as a transfer.
-const BABBLE_DATA: [u8; 8] = [0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0];
 
 /// Longest simulated time between two calls of [`Link::serve`].
 const SERVE_PERIOD: Cycles = F_CPU_HZ / 1000;
@@ -81,9 +63,7 @@ pub struct Scene {
     /// End of the application section in bytes, if there is a bootloader, which can replace the
     /// application.
     application_end: Option<usize>,
-    babbler: Rc<RefCell<SoftNode>>,
-    /// Node of the fault `wrong-rate`; attached when that fault begins for the first time.
-    intruder: Option<(Rc<RefCell<SoftNode>>, PortId)>,
+    injector: Injector,
     /// Faults of `--inject` that are not due yet, in order of time.
     injections: VecDeque<Injection>,
     state: State,
@@ -170,8 +150,7 @@ impl Scene {
             let port = bench.attach("autopilot", autopilot.station());
             (autopilot, port)
         });
-        let babbler = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
-        bench.attach("babbler", babbler.clone());
+        let injector = Injector::new(&mut bench);
         let boards: Vec<usize> = [node].into_iter().chain(others.iter().copied()).collect();
         let script = args
             .links
@@ -211,8 +190,7 @@ impl Scene {
             script,
             next_status_at: 0,
             application_end: boot_section,
-            babbler,
-            intruder: None,
+            injector,
             injections: injections.into(),
             state,
             resets_seen,
@@ -442,93 +420,18 @@ impl Scene {
 
     /// Begins a fault now; ends it if it lasts and is on.
     pub fn inject(&mut self, fault: Fault) {
-        let on = !self.state.active_faults.contains(&fault);
-        if fault.lasts() {
-            self.state.active_faults.retain(|active| *active != fault);
-            if on {
-                self.state.active_faults.push(fault);
-            }
-        }
         self.is_chip_disturbed |= fault.disturbs_chip();
-        let bus = self.bench.bus();
-        let node_port = self.node_port;
-        match fault {
-            Fault::BitError => bus.inject(can::Fault::FlipBit { bit: FLIPPED_BIT }),
-            Fault::ErrorRate | Fault::ErrorStorm => {
-                let per_million = self.latest_effect(|fault| match fault {
-                    Fault::ErrorRate => Some(ERROR_RATE_PER_MILLION),
-                    Fault::ErrorStorm => Some(ERROR_STORM_PER_MILLION),
-                    _ => None,
-                });
-                let fault = can::Fault::BitErrorRate {
-                    per_million: per_million.unwrap_or(0),
-                    seed: NOISE_SEED,
-                };
-                self.bench.bus().inject(fault);
-            }
-            Fault::LoseFrame => bus.inject(can::Fault::LoseNextFrame { port: node_port }),
-            Fault::NoAck => bus.inject(can::Fault::NoAck(on)),
-            Fault::AckDestroyed => bus.inject(can::Fault::AckDestroyed(on)),
-            Fault::StuckDominant => bus.inject(can::Fault::StuckDominant(on)),
-            Fault::Cable => bus.connect(node_port, !on),
-            Fault::Babble => {
-                let frame = on.then(|| Frame::extended(BABBLE_ID, &BABBLE_DATA));
-                self.babbler.borrow_mut().babble(frame);
-            }
-            Fault::ChipReset => self.board().chip_reset(),
-            Fault::SpiNoise => {
-                let per_million = if on { SPI_NOISE_PER_MILLION } else { 0 };
-                self.board().set_spi_noise(per_million, NOISE_SEED);
-            }
-            Fault::DestroyFrames => bus.inject(can::Fault::DestroyFrames(on)),
-            Fault::WrongRate => self.connect_intruder(on),
-            Fault::SameId => {
-                let id = self.state.status.map_or(DEFAULT_NODE_ID, |(_, node, _)| node.get());
-                let frame =
-                    Frame::extended(NODE_STATUS_ID | u32::from(id), &[1, 0, 0, 0, 0, 0, 0, 0xC0]);
-                self.babbler.borrow_mut().send(frame);
-            }
-            Fault::ChipGarbage => self.board().chip_brown_out(NOISE_SEED),
-            Fault::ChipRegister => self.board().chip_flip_bits(CNF2, 1),
-            Fault::ChipSleep => self.board().chip_fall_asleep(),
-            Fault::ChipHeld => self.board().chip_hold_in_configuration(on),
-            Fault::MisoLow | Fault::MisoHigh => {
-                let byte = self.latest_effect(|fault| match fault {
-                    Fault::MisoLow => Some(0x00),
-                    Fault::MisoHigh => Some(0xFF),
-                    _ => None,
-                });
-                self.board().set_stuck_miso(byte);
-            }
-            Fault::IntLow | Fault::IntHigh => {
-                let level = self.latest_effect(|fault| match fault {
-                    Fault::IntLow => Some(false),
-                    Fault::IntHigh => Some(true),
-                    _ => None,
-                });
-                self.board().set_stuck_int(level);
-            }
-            Fault::SensorNoise => {
-                let millivolts = if on { SENSOR_NOISE_MILLIVOLTS } else { 0 };
-                self.board().set_sensor_noise_millivolts(millivolts, NOISE_SEED);
-            }
-            Fault::SensorShort if on => self.board().set_sensor_millivolts(0),
-            Fault::SensorShort => self.set_temperature(self.state.sensor_c),
-            Fault::BrownOut => self.board().reset(ResetCause::BrownOut),
-            Fault::ChipPower if on => self.board().chip_power_off(0xFF),
-            Fault::ChipPower => self.board().chip_power_on(),
-            Fault::Silence => {
-                if let Some((autopilot, _)) = &mut self.autopilot {
-                    autopilot.set_silent(on);
-                }
-            }
-            Fault::Disarm => {
-                if let Some((autopilot, _)) = &mut self.autopilot {
-                    autopilot.set_armed(!on);
-                }
-            }
-            Fault::Reset => self.board().reset(ResetCause::External),
-            Fault::OtherDialect => self.replace_autopilot(),
+        let mut target = Target {
+            bench: &mut self.bench,
+            node: self.node,
+            autopilot: self.autopilot.as_mut().map(|(autopilot, _)| autopilot),
+            node_id: self.state.status.map_or(DEFAULT_NODE_ID, |(_, node, _)| node.get()),
+            sensor_c: self.state.sensor_c,
+        };
+        let on = self.injector.inject(fault, &mut target);
+        self.state.active_faults = self.injector.active().to_vec();
+        if fault == Fault::OtherDialect {
+            self.replace_autopilot();
         }
         let state = match (fault.lasts(), on) {
             (true, true) => " on",
@@ -554,13 +457,6 @@ impl Scene {
         }
     }
 
-    /// The effect of the active fault that began last, among those for which `effect` is not
-    /// `None`. Faults of one kind, such as two bit error rates, replace each other. When the
-    /// last one ends, the one before it is in force again.
-    fn latest_effect<T>(&self, effect: impl Fn(Fault) -> Option<T>) -> Option<T> {
-        self.state.active_faults.iter().rev().find_map(|fault| effect(*fault))
-    }
-
     /// Replaces the autopilot by one of the other dialect, at its power-on. The next replacement
     /// has the first one's settings again.
     fn replace_autopilot(&mut self) {
@@ -574,20 +470,6 @@ impl Scene {
         self.bench.detach(port);
         let port = self.bench.attach("autopilot", successor.station());
         self.autopilot = Some((successor, port));
-    }
-
-    /// Lets a node of half the bit rate babble, or disconnects it. The simulation is slower while
-    /// the node is connected.
-    fn connect_intruder(&mut self, on: bool) {
-        let bit_rate = self.bench.bus().bit_rate() / 2;
-        let bench = &mut self.bench;
-        let (node, port) = self.intruder.get_or_insert_with(|| {
-            let node = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
-            let port = bench.attach("intruder", node.clone());
-            (node, port)
-        });
-        node.borrow_mut().babble(on.then(|| Frame::extended(BABBLE_ID, &BABBLE_DATA)));
-        self.bench.bus().connect(*port, on);
     }
 
     fn board(&mut self) -> &mut Board {
@@ -724,7 +606,7 @@ impl Scene {
             }
         }
         // Without this the babbler's queue of received frames would grow without bound.
-        self.babbler.borrow_mut().take_received();
+        self.injector.babbler().borrow_mut().take_received();
         Ok(())
     }
 

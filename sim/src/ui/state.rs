@@ -7,7 +7,6 @@
 use super::history::Log;
 use super::mistakes::Mistakes;
 use super::traffic::{Origin, Traffic, TrafficLine};
-use super::vendor_code;
 use crate::fault::Fault;
 use bench::board::SpiUse;
 use bench::budget::Budget;
@@ -16,6 +15,7 @@ use bench::dronecan::{
     CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation,
     Observer, Temperature, draft, text::visible,
 };
+use bench::vendor_code;
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
 use bus_load::measured::LoadByType;
