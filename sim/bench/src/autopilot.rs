@@ -224,10 +224,14 @@ pub struct Autopilot {
     settings: Settings,
     powered_at: Cycles,
     motion: Motion,
+    /// Deflections of actuators that do not follow the motion.
+    held: BTreeMap<u8, f64>,
     silent: bool,
     /// True while a task runs whose frames are not sent.
     mute: bool,
     armed: bool,
+    /// True if the safety switch is on.
+    safe: bool,
     next_status_at: Cycles,
     next_command_at: Cycles,
     next_arming_at: Cycles,
@@ -264,9 +268,11 @@ impl Autopilot {
             settings,
             powered_at: now,
             motion: Motion::Sweep { since: now, phase: 0.0 },
+            held: BTreeMap::new(),
             silent: false,
             mute: false,
             armed: true,
+            safe: false,
             next_status_at: now,
             next_command_at: now + COMMAND_OFFSET,
             next_arming_at: now + ARMING_OFFSET,
@@ -302,8 +308,16 @@ impl Autopilot {
     /// An autopilot with other settings that starts at `now`, with the motion, arming and silence
     /// of this one.
     pub fn successor(&self, settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
-        let (motion, silent, armed) = (self.motion, self.silent, self.armed);
-        Autopilot { motion, silent, armed, ..Autopilot::powered(settings, bit_rate, now) }
+        let (motion, held) = (self.motion, self.held.clone());
+        let (silent, armed, safe) = (self.silent, self.armed, self.safe);
+        Autopilot {
+            motion,
+            held,
+            silent,
+            armed,
+            safe,
+            ..Autopilot::powered(settings, bit_rate, now)
+        }
     }
 
     /// The settings.
@@ -342,6 +356,16 @@ impl Autopilot {
         self.armed = armed;
     }
 
+    /// True if the safety switch is on. Only some profiles send SafetyState.
+    pub fn is_safe(&self) -> bool {
+        self.safe
+    }
+
+    /// Turns the safety switch on or off.
+    pub fn set_safe(&mut self, safe: bool) {
+        self.safe = safe;
+    }
+
     /// Changes the node ID.
     pub fn set_node_id(&mut self, id: NodeId) {
         self.settings.node_id = id;
@@ -366,6 +390,13 @@ impl Autopilot {
     pub fn sweep(&mut self, now: Cycles) {
         let phase = self.deflection(now).asin() / TAU;
         self.motion = Motion::Sweep { since: now, phase };
+        self.held.clear();
+    }
+
+    /// Holds one actuator at a deflection, limited to -1..=1, until the next sweep. The others go
+    /// on.
+    pub fn hold_actuator(&mut self, actuator: u8, deflection: f64) {
+        self.held.insert(actuator, deflection.clamp(-1.0, 1.0));
     }
 
     /// Holds a deflection, limited to -1..=1.
@@ -382,6 +413,12 @@ impl Autopilot {
     /// all move.
     pub fn deflection(&self, now: Cycles) -> f64 {
         self.deflection_ahead(now, 0.0)
+    }
+
+    /// Commanded deflection at `now` of the actuator of the settings: held, or moving.
+    fn own_deflection(&self, now: Cycles) -> f64 {
+        let held = self.held.get(&self.settings.actuator);
+        held.copied().unwrap_or_else(|| self.deflection(now))
     }
 
     /// Commanded deflection at `now` of an actuator that sweeps `ahead` by this part of a period.

@@ -45,7 +45,7 @@ impl Autopilot {
     }
 
     pub(super) fn command_in_draft(&self, at: Cycles) -> Message {
-        let deflection = self.deflection(at);
+        let deflection = self.own_deflection(at);
         if self.settings.command_type == CommandType::Thesis {
             return Message::ThesisCommand(thesis_position(deflection));
         }

@@ -156,9 +156,9 @@ impl Profile {
         matches!(self, Profile::Ardupilot | Profile::ArdupilotPwm | Profile::Px4)
     }
 
-    /// SafetyState of a vehicle whose safety switch is off. PX4 sends "on" unless armed.
-    pub(super) fn safety_state(self, armed: bool) -> u8 {
-        if self == Profile::Px4 && !armed { SAFETY_ON } else { SAFETY_OFF }
+    /// SafetyState of a vehicle, `safe` if its safety switch is on. PX4 sends "on" unless armed.
+    pub(super) fn safety_state(self, armed: bool, safe: bool) -> u8 {
+        if safe || self == Profile::Px4 && !armed { SAFETY_ON } else { SAFETY_OFF }
     }
 
     /// Period and priority of NotifyState: heading and state of the vehicle, for its lights.

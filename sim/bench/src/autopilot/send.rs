@@ -97,7 +97,7 @@ impl Autopilot {
                 self.next_arming_at += period;
                 let mut frames = Vec::new();
                 if profile.has_safety_switch() {
-                    let state = profile.safety_state(self.armed);
+                    let state = profile.safety_state(self.armed, self.safe);
                     frames = self.broadcast(&Message::SafetyState(state), priority);
                 }
                 let armed = Message::ArmingStatus(if self.armed { FULLY_ARMED } else { DISARMED });
@@ -181,9 +181,9 @@ impl Autopilot {
     }
 
     /// The command that is due at `at`; `None` if it would command no actuator.
-    fn command(&self, at: Cycles) -> Option<Message> {
+    pub(super) fn command(&self, at: Cycles) -> Option<Message> {
         let Settings { profile, actuator, moves, servos, command_type, .. } = self.settings;
-        let deflection = self.deflection(at);
+        let deflection = self.own_deflection(at);
         if command_type == CommandType::Thesis {
             return Some(Message::ThesisCommand(thesis_position(deflection)));
         }
@@ -195,13 +195,14 @@ impl Autopilot {
         let ids = (array.first..array.first + servos).filter(is_commanded);
         let all = ids.map(|id| {
             let index = id - array.first;
-            let deflection = match moves {
+            let moving = match moves {
                 Moves::All => self.deflection_ahead(at, f64::from(index) / f64::from(servos)),
                 Moves::One if id == actuator => deflection,
                 // Each other actuator holds another position, so that a node that listens to a
                 // wrong ID is noticed.
                 Moves::One => 2.0 * f64::from(index + 1) / f64::from(servos + 1) - 1.0,
             };
+            let deflection = self.held.get(&id).copied().unwrap_or(moving);
             // ArduPilot and PX4 calculate a pulse width in whole microseconds first, and convert it
             // to a deflection.
             let pulse_us = (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round();

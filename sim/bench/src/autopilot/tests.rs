@@ -114,6 +114,22 @@ fn the_sweep_reaches_both_ends() {
 }
 
 #[test]
+fn one_actuator_is_held_while_the_others_move_until_the_next_sweep() {
+    let settings = Settings { moves: Moves::All, ..Settings::of(Profile::Px4) };
+    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    let of = |autopilot: &Autopilot, id: usize| match autopilot.command(F_CPU_HZ / 3) {
+        Some(Message::ArrayCommand(commands)) => f64::from(commands[id].value),
+        other => panic!("{other:?}"),
+    };
+    let (moving, other) = (of(&autopilot, 3), of(&autopilot, 4));
+    autopilot.hold_actuator(3, 0.5);
+    assert_eq!((of(&autopilot, 3), of(&autopilot, 4)), (0.5, other));
+    assert_ne!(moving, 0.5);
+    autopilot.sweep(0);
+    assert_eq!(of(&autopilot, 3), moving);
+}
+
+#[test]
 fn a_sweep_starts_at_the_present_deflection() {
     let mut autopilot = autopilot(CommandType::Unitless);
     autopilot.hold(-0.75);
