@@ -12,20 +12,21 @@ mod page;
 use std::time::Instant;
 
 use page::Row;
-use rig::flood::{Scenario, Setup, Traffic, run};
+use rig::flood::{Pace, Scenario, Setup, Traffic, run};
 use rig::parallel;
 
 /// Simulated duration of each flood, in minutes.
 const MINUTES: f64 = 10.0;
 
 /// The floods of a program: of each kind from one sender below the node's priority, and mixed ones
-/// from two senders and above it.
+/// from two senders, above it, and in bursts.
 fn floods(setup: Setup) -> Vec<Scenario> {
     let mut all: Vec<Scenario> =
         Traffic::all(setup).into_iter().map(|traffic| Scenario::full(setup, traffic)).collect();
     let mixed = Scenario::full(setup, Traffic::Mixed);
     all.push(Scenario { senders: 2, seed: 2, ..mixed });
     all.push(Scenario { priority: 0, seed: 3, ..mixed });
+    all.push(Scenario { pace: Pace::Bursts, seed: 4, ..mixed });
     all
 }
 

@@ -3,7 +3,7 @@
 use std::fmt::{self, Write as _};
 
 use bench::avr::Chip;
-use rig::flood::{Outcome, Scenario, Traffic, Unit};
+use rig::flood::{Outcome, Pace, Scenario, Traffic, Unit};
 
 /// What one flood measured.
 pub struct Row {
@@ -92,6 +92,11 @@ fn flood(scenario: Scenario) -> String {
     }
     if scenario.priority == 0 {
         name += ", priority 0";
+    }
+    match scenario.pace {
+        Pace::Full => {}
+        Pace::Percent(percent) => name += &format!(", {percent} %"),
+        Pace::Bursts => name += ", bursts",
     }
     name
 }

@@ -3,7 +3,7 @@
 //!
 //! Tests write out the protocol's numbers or take them from the simulator, never from the firmware.
 //! [`manage`] is the node's client, [`status`] has the numbers in its status, [`load`] and
-//! [`flood`] load its bus, and [`profile`] measures the running program.
+//! [`flood`] load its bus, and [`profile`] and [`queue`] look into the running program.
 
 pub mod faults;
 pub mod flood;
@@ -11,6 +11,7 @@ pub mod load;
 pub mod manage;
 pub mod parallel;
 pub mod profile;
+pub mod queue;
 pub mod soak;
 pub mod status;
 

@@ -2,7 +2,7 @@
 //! Every frame that the controller loses is a lost frame.
 //!
 //! [`setup`] has the programs with their outputs, [`source`] makes the transfers, [`follow`] finds
-//! the commands in the pulses, and [`queue`] reads how full the firmware's queue becomes. A
+//! the commands in the pulses, and [`fill`] explains why the firmware's queue becomes full. A
 //! [`Flood`] runs them together and returns an [`Outcome`].
 //!
 //! [`load`](super::load) has the other loads: frames that the node reads and rejects, requests, and
@@ -10,7 +10,6 @@
 
 pub mod fill;
 pub mod follow;
-pub mod queue;
 pub mod setup;
 pub mod source;
 pub mod values;
@@ -20,22 +19,36 @@ use std::collections::VecDeque;
 use std::rc::Rc;
 
 use bench::can::{Id, OnWire, SoftNode};
+use bench::dronecan::Message;
 use bench::{Cycles, F_CPU_HZ, Noise};
 
 pub use fill::Fills;
 pub use follow::{Pulses, Register};
-pub use queue::Queue;
 pub use setup::{Preset, Setup};
 pub use source::{Sent, Source, Traffic};
 pub use values::Unit;
 
 use super::load::{BusyClient, Client, Meter, compare_register};
+use super::manage::SAVE_TIMEOUT_MS;
+use super::queue::Queue;
+use super::status::{FRAMES_LOST, TRANSFER_ERRORS};
 use super::{DRAFT_STATUS_OF_NODE, MS, NODE, Rig, STATUS_OF_NODE, TRANSFER_ID_OF_DRAFT, US};
 
 /// Frames that wait in the sender's queue, so that a full bus never becomes idle.
 const QUEUED: usize = 24;
 /// Time after the flood in which the node follows the last command.
 const AFTER_MS: u64 = 45;
+
+/// The distance between frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// Back to back.
+    Full,
+    /// With random gaps, so that the frames take this share of the time in percent.
+    Percent(u64),
+    /// Bursts of 1 to 40 frames between silences of up to 10 ms.
+    Bursts,
+}
 
 /// A flood.
 #[derive(Clone, Copy, Debug)]
@@ -46,9 +59,7 @@ pub struct Scenario {
     pub senders: usize,
     /// Priority in v0: 0 wins every arbitration against the node, 31 loses every one.
     pub priority: u8,
-    /// Share of the time that the frames take on the bus, in percent. At 100 they are back to back,
-    /// below with random gaps.
-    pub percent: u64,
+    pub pace: Pace,
     /// Also measures the service of each frame, which takes half as long again.
     pub measures_service: bool,
     /// Also finds the turns in which the queue becomes full, which takes several times as long.
@@ -64,7 +75,7 @@ impl Scenario {
             traffic,
             senders: 1,
             priority: 31,
-            percent: 100,
+            pace: Pace::Full,
             measures_service: false,
             explains: false,
             seed: 1,
@@ -86,6 +97,8 @@ pub struct Outcome {
     /// Most frames in the firmware's queue, and its number of places.
     pub deepest: u8,
     pub places: u8,
+    /// True if the node's status says that it lost frames or transfers. `None` if it was not asked.
+    pub reports_loss: Option<bool>,
     /// The turns in which the queue became full, if the scenario asks for them.
     pub fills: Vec<String>,
     /// Number of frames and of NodeStatus that the node sent.
@@ -127,7 +140,7 @@ pub struct Flood {
     station: Rc<RefCell<SoftNode>>,
     /// Frames that the bus has not carried yet.
     sent: VecDeque<Sent>,
-    /// Earliest beginning of the next frame, if the bus is not to be full.
+    /// Earliest beginning of the next frame or burst, if the bus is not to be full.
     next_at: Cycles,
     gaps: Noise,
     client: BusyClient,
@@ -192,16 +205,38 @@ impl Flood {
         self.outcome.busy_percent = 100.0 * self.rig.bench.bus().stats().load_since(&before);
     }
 
-    /// Ends the flood, lets the node follow the last command, and returns the outcome.
+    /// Ends the flood with the last transfer that has been queued, lets the node follow the last
+    /// command, and returns the outcome.
     pub fn finish(mut self) -> Outcome {
-        self.station.borrow_mut().clear_queue();
         self.client.stop();
         for _ in 0..AFTER_MS {
             self.millisecond();
         }
         self.outcome.answers = self.client.answers;
+        if self.scenario.setup.is_v0() {
+            let code = self.vendor_code();
+            self.outcome.reports_loss =
+                code.map(|code| code & (FRAMES_LOST | TRANSFER_ERRORS) != 0);
+        }
         self.outcome.fills = self.fills.take().map_or(Vec::new(), |fills| fills.found);
         self.outcome
+    }
+
+    /// The vendor-specific status code in an answer to GetNodeInfo. `None` without an answer.
+    fn vendor_code(&mut self) -> Option<u16> {
+        let asked = self.rig.request(&Message::NodeInfoRequest);
+        let end = self.rig.now() + SAVE_TIMEOUT_MS * MS;
+        while self.rig.now() < end {
+            self.rig.run_ms(5);
+            for (_, number, answer) in self.rig.answers() {
+                if let Message::NodeInfo(info) = answer
+                    && number == asked
+                {
+                    return Some(info.status.vendor_code);
+                }
+            }
+        }
+        None
     }
 
     /// Queues the frames of the next milliseconds.
@@ -210,25 +245,42 @@ impl Flood {
         self.station.borrow_mut().take_events();
         let now = self.rig.now();
         self.next_at = self.next_at.max(now);
-        let is_fed = |flood: &Flood| match flood.scenario.percent {
-            100 => flood.station.borrow().queued() >= QUEUED,
-            _ => flood.next_at >= now + 2 * MS,
-        };
-        while !is_fed(self) {
-            for sent in self.source.next(now) {
-                match self.scenario.percent {
-                    100 => self.station.borrow_mut().send(sent.0),
-                    percent => {
-                        self.station.borrow_mut().send_at(self.next_at, sent.0);
-                        let bit = F_CPU_HZ / u64::from(self.rig.bench.bus().bit_rate());
-                        let frame = u64::from(sent.0.bit_count()) * bit;
-                        // Twice the mean gap at most.
-                        let gap = 2 * frame * (100 - percent) / percent;
-                        self.next_at += frame + self.gaps.below(gap + 1);
-                    }
+        match self.scenario.pace {
+            Pace::Full => {
+                while self.station.borrow().queued() < QUEUED {
+                    self.send(|_| 0);
                 }
-                self.sent.push_back(sent);
             }
+            Pace::Percent(percent) => {
+                let bit = F_CPU_HZ / u64::from(self.rig.bench.bus().bit_rate());
+                while self.next_at < now + 2 * MS {
+                    self.send(|flood| {
+                        let frame = u64::from(flood.sent.back().expect("a frame").0.bit_count());
+                        // The gap that is due on average, and up to twice as much.
+                        let gap = 2 * frame * bit * (100 - percent) / percent;
+                        frame * bit + flood.gaps.below(gap + 1)
+                    });
+                }
+            }
+            Pace::Bursts if now >= self.next_at && self.station.borrow().queued() == 0 => {
+                let frames = 1 + self.gaps.below(40) as usize;
+                while self.station.borrow().queued() < frames {
+                    self.send(|_| 0);
+                }
+                // A frame lasts 160 us at most.
+                let burst = frames as Cycles * 160 * US;
+                self.next_at = now + burst + self.gaps.below(10 * MS);
+            }
+            Pace::Bursts => {}
+        }
+    }
+
+    /// Queues the frames of the next transfer, each `after` the one before it.
+    fn send(&mut self, mut after: impl FnMut(&mut Flood) -> Cycles) {
+        for sent in self.source.next(self.rig.now()) {
+            self.station.borrow_mut().send_at(self.next_at, sent.0);
+            self.sent.push_back(sent);
+            self.next_at += after(self);
         }
     }
 
