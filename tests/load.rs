@@ -108,6 +108,18 @@ fn bursts_of_frames_after_silence_are_all_read_in_order() {
     all(|load| load.pace == Pace::Bursts, reading_errors);
 }
 
+/// A margin, which is visible before a frame is lost.
+#[test]
+#[ignore = "the program follows commands in the turn that reads them"]
+fn the_queue_of_received_frames_never_becomes_full() {
+    all(
+        |_| true,
+        |&Figures { deepest, places, .. }| {
+            (deepest == places).then(|| format!("all of its {places} places used"))
+        },
+    );
+}
+
 /// Cycles from the chip select of the status read that finds the frame to the end of the
 /// instruction that releases its buffer.
 #[test]

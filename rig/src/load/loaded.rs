@@ -7,6 +7,7 @@ use bench::avr::Oc;
 use bench::board::Board;
 use bench::can::{Frame, Id};
 
+use super::super::queue::Queue;
 use super::super::{ARRAY_COMMAND, MS, NODE, Rig, SERVO_COMMAND, STATUS_OF_NODE, US};
 use super::meter::CANINTF;
 use super::sender::BELOW_PRIORITY;
@@ -28,6 +29,9 @@ pub struct Figures {
     pub meter: Meter,
     /// True if a frame is still in the controller 20 ms after the load's end.
     pub stuck: bool,
+    /// Most frames in the firmware's queue, and its number of places.
+    pub deepest: u8,
+    pub places: u8,
     /// Number of answers that the client received.
     pub answers: u64,
     /// Number of frames that the node sent; number of NodeStatus among them.
@@ -51,6 +55,7 @@ pub struct Loaded {
     sender: Option<Sender>,
     client: BusyClient,
     ocr: u16,
+    queue: Queue,
     /// Commands on the bus: end of the last frame, and the width in microseconds.
     commands: VecDeque<(Cycles, f32)>,
 }
@@ -87,7 +92,12 @@ impl Loaded {
         }
         rig.forget();
         let sender = load.map(|load| Sender::attach(&mut rig.bench, load));
-        let figures = Figures { meter: Meter::attach(rig.board()), ..Figures::default() };
+        let queue = Queue::of(rig.board().avr());
+        let figures = Figures {
+            meter: Meter::attach(rig.board()),
+            places: queue.places,
+            ..Figures::default()
+        };
         let ocr = compare_register(rig.board());
         Loaded {
             client: BusyClient::new(client, rig.now()),
@@ -95,6 +105,7 @@ impl Loaded {
             figures,
             sender,
             ocr,
+            queue,
             commands: VecDeque::new(),
         }
     }
@@ -124,12 +135,13 @@ impl Loaded {
 
     fn millisecond(&mut self) {
         let mut writes: Vec<(Cycles, u16)> = Vec::new();
-        let ocr = &mut self.ocr;
+        let Loaded { ocr, queue, figures, .. } = self;
         // After each step of the bench, which can be long while the bus is idle.
         let end = self.rig.now() + MS;
         while self.rig.now() < end && !self.rig.bench.is_halted() {
             self.rig.bench.run_until_or(
                 |bench| {
+                    figures.deepest = figures.deepest.max(queue.depth(bench.board(0).avr()));
                     let now = compare_register(bench.board(0));
                     if now != *ocr {
                         *ocr = now;
