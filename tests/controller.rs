@@ -272,7 +272,12 @@ fn a_frame_is_read_within_450_cycles_of_the_first_chip_select() {
         rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, n, 0, 0, 0, 0xC0 | n]);
         rig.run_ms(3);
         let events = rig.board().take_wire_events();
-        let at_read = |event: &(_, WireEvent)| matches!(event.1, WireEvent::Spi { byte, .. } if byte.mosi == 0x90);
+        let at_read = |event: &(_, WireEvent)| {
+            matches!(
+                event.1,
+                WireEvent::Spi { byte, .. } if byte.mosi == 0x90
+            )
+        };
         let read = events.iter().position(at_read).expect("READ RX BUFFER");
         let edges = |level| move |event: &&(_, WireEvent)| event.1 == WireEvent::Cs(level);
         let (begun, _) =

@@ -197,7 +197,12 @@ fn is_an_order(transfer: &Transfer) -> bool {
             || command.unit == bench::dronecan::CommandUnit::Unitless
                 && command.value.to_f32() == 0.5
     };
-    let to_node = |id: CanId| !matches!(id, CanId::Service { destination, .. } if u32::from(destination.get()) != NODE);
+    let to_node = |id: CanId| {
+        !matches!(
+            id,
+            CanId::Service { destination, .. } if u32::from(destination.get()) != NODE
+        )
+    };
     match Message::decode(transfer) {
         Message::ArrayCommand(commands) => !commands.iter().all(is_half),
         Message::ThesisCommand(_) | Message::RestartNode(_) | Message::ExecuteOpcode(_) => {
@@ -236,7 +241,10 @@ fn after_random_frames_the_node_answers_and_the_servo_has_not_moved() {
             };
             // A single frame can be an order. The node ignores the priority.
             let is_order = !frame.remote
-                && matches!(assembler.push(id & 0x00FF_FFFF, frame.data(), Duration::ZERO), Outcome::Complete(t) if is_an_order(&t));
+                && matches!(
+                    assembler.push(id & 0x00FF_FFFF, frame.data(), Duration::ZERO),
+                    Outcome::Complete(t) if is_an_order(&t)
+                );
             if is_order {
                 held_back += 1;
                 continue;

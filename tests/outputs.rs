@@ -278,9 +278,10 @@ fn every_output_has_its_own_parameters_that_survive_a_restart() {
     rig.restart();
     assert_eq!(rig.parameters(), before);
     let request = ParameterRequest { index: 500, ..ParameterRequest::default() };
-    assert!(
-        matches!(rig.ask(&Message::ParameterRequest(request)), Message::ParameterResponse(response) if response.name.is_empty())
-    );
+    assert!(matches!(
+        rig.ask(&Message::ParameterRequest(request)),
+        Message::ParameterResponse(response) if response.name.is_empty()
+    ));
 }
 
 /// Deviations of the pulses' edges from their times, in cycles, each with the number of times it

@@ -541,7 +541,12 @@ fn its_status_has_the_form_of_march_2015() {
 fn its_status_follows_that_of_the_autopilot() {
     let mut rig = following_autopilot();
     rig.run_ms(5_000);
-    let of_autopilot = |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID == message_id(STATUS, AUTOPILOT, 0));
+    let of_autopilot = |frame: &Frame| {
+        matches!(
+            frame.id,
+            Id::Extended(id) if id & !TRANSFER_ID == message_id(STATUS, AUTOPILOT, 0)
+        )
+    };
     let calls: Vec<Cycles> =
         rig.traffic.iter().filter(|(_, frame)| of_autopilot(frame)).map(|(at, _)| *at).collect();
     assert!(calls.len() >= 4 && statuses(&rig).len().abs_diff(calls.len()) <= 1, "{calls:?}");

@@ -21,7 +21,10 @@ fn ask(rig: &mut Rig, target: u8, characters: &[u8], transfer_id: u8) {
 fn messages(rig: &Rig) -> impl Iterator<Item = &Transfer> {
     let transfers = rig.transfers.iter().map(|(_, transfer)| transfer);
     transfers.filter(|transfer| {
-        matches!(transfer.id, CanId::Message { type_id: 3001, source, .. } if u32::from(source.get()) == NODE)
+        matches!(
+            transfer.id,
+            CanId::Message { type_id: 3001, source, .. } if u32::from(source.get()) == NODE
+        )
     })
 }
 

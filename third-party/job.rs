@@ -6,7 +6,7 @@
 //!
 //! ```text
 //! I                            the chip is configured and in normal mode
-//! R 04D2 12345601#DEADBEEF     frame received, in candump's notation, after 04D2 (hex) CPU cycles in the crate
+//! R 04D2 12345601#DEADBEEF     frame received, in candump's notation, 0x04D2 cycles in the crate
 //! E                            the crate rejected what it read from the chip
 //! X                            the crate rejected the frame to send
 //! ```

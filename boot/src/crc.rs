@@ -21,7 +21,9 @@ pub fn add(crc: u16, byte: u8) -> u16 {
             "eor {crc:l}, {byte}",
             "3: dec {bits}",
             "brne 2b",
-            crc = inout(reg_pair) crc => after, byte = inout(reg_upper) byte => _, bits = out(reg_upper) _,
+            crc = inout(reg_pair) crc => after,
+            byte = inout(reg_upper) byte => _,
+            bits = out(reg_upper) _,
             options(pure, nomem, nostack)
         );
     }

@@ -69,7 +69,10 @@ fn do_spm(command: u8, address: u16, word: u16) {
             "out 0x37, {command}",
             "spm",
             "clr r1",
-            word = in(reg_pair) word, in("Z") address, command = in(reg) command | SELFPRGEN, options(nostack)
+            word = in(reg_pair) word,
+            in("Z") address,
+            command = in(reg) command | SELFPRGEN,
+            options(nostack)
         );
     }
 }

@@ -92,7 +92,13 @@ pub fn set_watchdog(timeout: Timeout) {
     // WDE changes only within four cycles after WDCE is set (datasheet 11.8.2).
     // SAFETY: the block writes only WDTCSR, at 0x60.
     unsafe {
-        asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) WDCE | WDE, value = in(reg) timeout as u8,
-            options(nostack, preserves_flags));
+        asm!(
+            "wdr",
+            "sts 0x60, {change}",
+            "sts 0x60, {value}",
+            change = in(reg) WDCE | WDE,
+            value = in(reg) timeout as u8,
+            options(nostack, preserves_flags)
+        );
     }
 }

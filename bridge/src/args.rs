@@ -85,11 +85,21 @@ pub struct Args {
     pub mcast_interface: Option<Ipv4Addr>,
 
     /// MAVLink system ID of the bridge and all nodes: that of the vehicle
-    #[arg(long, value_name = "ID", default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(
+        long,
+        value_name = "ID",
+        default_value_t = 1,
+        value_parser = clap::value_parser!(u8).range(1..),
+    )]
     pub system: u8,
 
     /// MAVLink component ID of the bridge, and its node ID on the bus
-    #[arg(long, value_name = "ID", default_value_t = 126, value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(
+        long,
+        value_name = "ID",
+        default_value_t = 126,
+        value_parser = clap::value_parser!(u8).range(1..),
+    )]
     pub component: u8,
 
     /// The bridge's node ID on the bus, if it differs from its component ID

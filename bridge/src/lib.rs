@@ -1,9 +1,10 @@
 //! Shows a DroneCAN bus to MAVLink ground stations.
 //!
 //! ```text
-//! Bus (slcan, mcast, socketcan) ── frames ──> Bridge ── posts ──> Queue ── Writer ──> Channel (udp, tcp, serial)
-//!                               <── frames ──        <── requests ── Parser ──────────
+//! Bus ── frames ──> Bridge ── posts ──> Queue ── Writer ──> Channel
+//!     <── frames ──        <── requests ── Parser ──────────
 //! ```
+//! A bus is slcan, mcast or socketcan, a channel udp, tcp or serial.
 //! [`core::Bridge`] makes all decisions; it opens nothing and never waits. Its parts (parameters,
 //! commands, forward, presence, identity) use a [`state::State`] and do not know the core. [`bus`]
 //! and [`channel`] are its connections, and never block. [`run`] moves frames and messages between

@@ -309,7 +309,8 @@ mod tests {
             let current = integer(value.into());
             let sent = Number::of(&current).unwrap();
             prop_assert_eq!(sent.kind() as u8, INT32);
-            let back = decode(INT32, sent.encode(IntegerEncoding::Bytewise), IntegerEncoding::Bytewise, &current);
+            let bytewise = IntegerEncoding::Bytewise;
+            let back = decode(INT32, sent.encode(bytewise), bytewise, &current);
             prop_assert_eq!(back, Ok(Some(Value::Integer(value.into()))));
         }
 
@@ -322,7 +323,8 @@ mod tests {
                     prop_assert_eq!(decode(REAL32, sent, encoding, &current), Err(Unfit::Value));
                     continue;
                 }
-                let Ok(Some(Value::Real(back))) = decode(REAL32, sent, encoding, &current) else { panic!("no real") };
+                let decoded = decode(REAL32, sent, encoding, &current);
+            let Ok(Some(Value::Real(back))) = decoded else { panic!("no real") };
                 prop_assert_eq!(back.to_bits(), bits);
             }
         }
@@ -331,7 +333,8 @@ mod tests {
         fn a_cast_integer_up_to_2_to_24_survives_a_round_trip(value in -(1i64 << 24)..=1 << 24) {
             let current = integer(value);
             let sent = Number::of(&current).unwrap().encode(IntegerEncoding::Cast);
-            prop_assert_eq!(decode(INT32, sent, IntegerEncoding::Cast, &current), Ok(Some(Value::Integer(value))));
+            let back = decode(INT32, sent, IntegerEncoding::Cast, &current);
+            prop_assert_eq!(back, Ok(Some(Value::Integer(value))));
         }
     }
 }

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! text ──> stream (messages and their rates) ──> cost (bits of a transfer) ──> plan (sums, advice)
-//! published: a manufacturer's rule of thumb and tables, next to the exact bits        measured: a running bus
+//! published: a rule of thumb, tables, and exact bits beside them    measured: a running bus
 //! ```
 //! Limits: the result is a mean over a long time. Whether a message is late in the worst case
 //! depends on priorities and on transfers at the same time; neither is computed. Error frames and
@@ -67,7 +67,11 @@ A file has one message in a line, without quotes; \"bit-rate 500000\" may be a l
 #[command(about = "Plan the load of a bus", long_about = ABOUT, after_long_help = EXAMPLES)]
 pub struct Args {
     /// Bits per second on the bus [default: that of the file, else 1000000]
-    #[arg(long, value_name = "BIT/S", value_parser = clap::value_parser!(u32).range(10_000..=1_000_000))]
+    #[arg(
+        long,
+        value_name = "BIT/S",
+        value_parser = clap::value_parser!(u32).range(10_000..=1_000_000),
+    )]
     pub bit_rate: Option<u32>,
 
     /// A message that is sent regularly, such as "4x esc.Status@50" (repeatable)

@@ -1,7 +1,9 @@
 //! A periodic message of a plan, and its text form.
 //!
 //! ```text
-//! [NODESx] TYPE [ [COUNT] | :BYTES | =HEX ] @RATE          4x esc.Status@50   ArrayCommand[8]@50   20100:12@5
+//! [NODESx] TYPE [ [COUNT] | :BYTES | =HEX ] @RATE
+//!
+//! for example: 4x esc.Status@50   ArrayCommand[8]@50   20100:12@5
 //! ```
 //! A service has two streams, its request and its response. COUNT, BYTES and HEX then apply to the
 //! response.

@@ -548,7 +548,10 @@ fn transfer_ids_count_modulo_32() {
 proptest! {
     /// A decoded message without unused bits encodes to the same bytes.
     #[test]
-    fn parameter_messages_survive_both_ways(payload in prop::collection::vec(any::<u8>(), 0..40), service in 0usize..3) {
+    fn parameter_messages_survive_both_ways(
+        payload in prop::collection::vec(any::<u8>(), 0..40),
+        service in 0usize..3,
+    ) {
         let id = [0x1E0B_F8FF, 0x1E0B_7FF8, 0x1E00_017F][service];
         let id = CanId::parse(id).unwrap();
         let transfer = Transfer { id, transfer_id: TransferId::new(0), payload, frames: 1 };
@@ -562,10 +565,13 @@ proptest! {
     /// A terminal shows what nodes send.
     #[test]
     fn no_transfer_has_control_characters_as_text(
-        id in 0u32..1 << 29, payload in prop::collection::vec(any::<u8>(), 0..80), known in 0usize..12
+        id in 0u32..1 << 29,
+        payload in prop::collection::vec(any::<u8>(), 0..80),
+        known in 0usize..12,
     ) {
         let known = [
-            0x1E0B_F8FF, 0x1E0B_7FF8, 0x1E01_7FF8, 0x1E28_FFF8, 0x1E28_7FF8, 0x183F_F22A, 0x183F_FF2A,
+            0x1E0B_F8FF, 0x1E0B_7FF8, 0x1E01_7FF8, 0x1E28_FFF8, 0x1E28_7FF8, 0x183F_F22A,
+            0x183F_FF2A,
             0x1807_DA2A, 0x180B_B92A, 0x1E04_7FF8, 0x1400_0000 | 1 << 8 | 42, id,
         ][known];
         let id = CanId::parse(known).unwrap();
@@ -576,7 +582,12 @@ proptest! {
 
     /// No frame from the bus may cause a panic.
     #[test]
-    fn no_frame_causes_a_panic(frames in prop::collection::vec((0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)), 0..64)) {
+    fn no_frame_causes_a_panic(
+        frames in prop::collection::vec(
+            (0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)),
+            0..64,
+        ),
+    ) {
         let mut assembler = Assembler::new();
         for (id, data) in frames {
             if let Outcome::Complete(transfer) = assembler.push(id, &data, AT) {
@@ -595,8 +606,12 @@ proptest! {
 
     /// Assembling the frames of a payload gives the payload, at any length.
     #[test]
-    fn split_and_assembly_are_inverse(payload in prop::collection::vec(any::<u8>(), 0..300), number in 0u8..32) {
-        let frames = split(&payload, TransferId::new(number), types::GET_NODE_INFO.signature.unwrap());
+    fn split_and_assembly_are_inverse(
+        payload in prop::collection::vec(any::<u8>(), 0..300),
+        number in 0u8..32,
+    ) {
+        let signature = types::GET_NODE_INFO.signature.unwrap();
+        let frames = split(&payload, TransferId::new(number), signature);
         let mut assembler = Assembler::new();
         let mut whole = None;
         for frame in &frames {

@@ -234,9 +234,10 @@ mod tests {
         // An unknown type, whose CRC cannot be checked.
         assert_eq!(assembler.push(0x1FFF_F002, &FIRST, Duration::ZERO), Outcome::Partial);
         let end = assembler.push(0x1FFF_F002, &[8, END | TOGGLE], Duration::ZERO);
-        assert!(
-            matches!(end, Outcome::Complete(Transfer { payload, .. }) if payload == [3, 4, 5, 6, 7, 8])
-        );
+        assert!(matches!(
+            end,
+            Outcome::Complete(Transfer { payload, .. }) if payload == [3, 4, 5, 6, 7, 8]
+        ));
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! ```text
 //! Broadcast   protocol u8 | channel u8 | buffer u8[<=60]
-//! Targetted   protocol u8 | target node u7 | serial port i5 | options u4 | baud rate u24 | buffer u8[<=120]
+//! Targetted   protocol u8 | target node u7 | serial port i5 | options u4 | baud rate u24 |
+//!             buffer u8[<=120]
 //! ```
 //! The three fields between the protocol and the baud rate fill two bytes from the most significant
 //! bit. Little endian.

@@ -308,7 +308,12 @@ impl Rig {
     /// Waits for the first status after a start, in either dialect, and clears the record.
     #[track_caller]
     pub fn wait_until_up(&mut self) {
-        let is_of_draft = |frame: &Frame| matches!(frame.id, Id::Extended(id) if id & !TRANSFER_ID_OF_DRAFT == DRAFT_STATUS_OF_NODE);
+        let is_of_draft = |frame: &Frame| {
+            matches!(
+                frame.id,
+                Id::Extended(id) if id & !TRANSFER_ID_OF_DRAFT == DRAFT_STATUS_OF_NODE
+            )
+        };
         self.wait_for("the first NodeStatus", 100, |rig| {
             !rig.statuses().is_empty() || rig.traffic.iter().any(|(_, frame)| is_of_draft(frame))
         });

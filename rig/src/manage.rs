@@ -130,7 +130,12 @@ impl Rig {
 
     /// All answers to the tool in the record.
     pub fn answers(&self) -> Vec<(Cycles, TransferId, Message)> {
-        let to_tool = |id: &CanId| matches!(id, CanId::Service { request: false, destination, .. } if destination.get() == TOOL);
+        let to_tool = |id: &CanId| {
+            matches!(
+                id,
+                CanId::Service { request: false, destination, .. } if destination.get() == TOOL
+            )
+        };
         let answers = self.transfers.iter().filter(|(_, transfer)| to_tool(&transfer.id));
         answers
             .map(|(at, transfer)| (*at, transfer.transfer_id, Message::decode(transfer)))

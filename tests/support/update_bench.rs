@@ -323,8 +323,10 @@ impl UpdateBench {
         let known = self.transfers.len();
         let transfer_id = self.request(service, payload);
         let is_response = |transfer: &Transfer| {
-            matches!(transfer.id, CanId::Service { service_id, request: false, .. } if service_id == service)
-                && transfer.transfer_id == transfer_id
+            matches!(
+                transfer.id,
+                CanId::Service { service_id, request: false, .. } if service_id == service
+            ) && transfer.transfer_id == transfer_id
         };
         for _ in 0..10_000 {
             self.step();
@@ -345,7 +347,12 @@ impl UpdateBench {
 
     /// The node's NodeStatus messages, oldest first: time in milliseconds and payload.
     pub fn statuses(&self) -> Vec<(u64, &[u8])> {
-        let is_status = |transfer: &Transfer| matches!(transfer.id, CanId::Message { type_id: NODE_STATUS, source, .. } if source.get() == self.node);
+        let is_status = |transfer: &Transfer| {
+            matches!(
+                transfer.id,
+                CanId::Message { type_id: NODE_STATUS, source, .. } if source.get() == self.node
+            )
+        };
         self.transfers
             .iter()
             .filter(|(_, transfer)| is_status(transfer))

@@ -1,10 +1,10 @@
 //! Fields of messages that the `mavlink` crate cannot represent.
 //!
 //! The crate's messages have closed enumerations. A message with a value that the crate does not
-//! know can be neither read (<https://github.com/mavlink/rust-mavlink/issues/112>) nor written. But the bridge must answer an unknown command
-//! with UNSUPPORTED, and must pass on a vendor's mode. So for received messages it takes such a
-//! field out of the payload and puts in a value that the crate knows. In sent messages it writes
-//! the field over what the crate wrote.
+//! know can be neither read (<https://github.com/mavlink/rust-mavlink/issues/112>) nor written. But
+//! the bridge must answer an unknown command with UNSUPPORTED, and must pass on a vendor's mode. So
+//! for received messages it takes such a field out of the payload and puts in a value that the
+//! crate knows. In sent messages it writes the field over what the crate wrote.
 //!
 //! The offsets are in the payload, in which MAVLink orders the fields by size, largest first.
 

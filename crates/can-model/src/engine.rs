@@ -5,7 +5,7 @@
 //!
 //! ```text
 //! Integrating --11 r--> Idle --SOF--> Frame --EOF--> Intermission --3 r--> Idle (or Suspend, 8 r)
-//!                        error: Frame --> Flag | PassiveFlag --> FlagTail --> Delimiter --> Intermission
+//!           error: Frame --> Flag | PassiveFlag --> FlagTail --> Delimiter --> Intermission
 //!                     overload: Intermission, last bit of EOF or Delimiter --> Flag --> FlagTail
 //!          listen-only, error: Frame --> Resync --8 r--> Intermission
 //!                    TEC > 255: BusOff --128 x 11 r--> Idle

@@ -1,8 +1,10 @@
 //! A frame as the sequence of levels on the wire: fields, CRC-15 and stuff bits.
 //!
 //! ```text
-//! standard: SOF ID[28:18] RTR IDE=d r0 DLC[3:0] data CRC[14:0] | CRCdel ACK ACKdel EOF*7 | 3 x intermission
-//! extended: SOF ID[28:18] SRR=r IDE=r ID[17:0] RTR r1 r0 DLC[3:0] data CRC[14:0] | (the same)
+//! standard: SOF ID[28:18] RTR IDE=d r0 DLC[3:0] data CRC[14:0] |
+//!           CRCdel ACK ACKdel EOF*7 | 3 x intermission
+//! extended: SOF ID[28:18] SRR=r IDE=r ID[17:0] RTR r1 r0 DLC[3:0] data CRC[14:0] |
+//!           (the same)
 //!           '------------------------ stuffed --------------------------------'
 //! ```
 //! d = dominant = 0, r = recessive = 1. In the stuffed part, after five equal bits (including stuff

@@ -2,10 +2,10 @@
 //! 4).
 //!
 //! ```text
-//!            byte 0           byte 1                byte 2                          byte 3
-//! message:   priority[28:24]  data_type[23:16]      data_type[15:8]                 0[7] source[6:0]
-//! anonymous: priority[28:24]  discriminator[23:16]  discriminator[15:10] type[9:8]  0[7] 0[6:0]
-//! service:   priority[28:24]  service[23:16]        request[15] destination[14:8]   1[7] source[6:0]
+//!            byte 0          byte 1               byte 2                         byte 3
+//! message:   priority[28:24] data_type[23:16]     data_type[15:8]                0[7] source[6:0]
+//! anonymous: priority[28:24] discriminator[23:16] discriminator[15:10] type[9:8] 0[7] 0[6:0]
+//! service:   priority[28:24] service[23:16]       request[15] destination[14:8]  1[7] source[6:0]
 //!
 //! tail:      start_of_transfer[7] end_of_transfer[6] toggle[5] transfer_id[4:0]
 //! ```

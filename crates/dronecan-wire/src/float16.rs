@@ -1,7 +1,8 @@
 //! Converts IEEE 754 half-precision numbers to and from fixed point, without floating point.
 //!
 //! ```text
-//! sign[15] exponent[14:10] fraction[9:0]; value = (1024 + fraction) * 2^(exponent - 25), subnormal below exponent 1
+//! sign[15] exponent[14:10] fraction[9:0];
+//! value = (1024 + fraction) * 2^(exponent - 25), subnormal below exponent 1
 //! ```
 
 /// The sign bit.

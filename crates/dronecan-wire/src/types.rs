@@ -64,10 +64,13 @@ messages! {
     CAN_STATS = 343, 0xCE08_0CAE_3CA3_3C75, "dronecan.protocol.CanStats";
     GLOBAL_TIME = 344, 0xA551_7744_8A49_0F33, "dronecan.protocol.GlobalTime";
     ENUMERATION_INDICATION = 380, 0x884C_B630_50A8_4F35, "uavcan.protocol.enumeration.Indication";
-    SERVER_DISCOVERY = 390, 0x821A_E2F5_25F6_9F21, "uavcan.protocol.dynamic_node_id.server.Discovery";
+    SERVER_DISCOVERY = 390, 0x821A_E2F5_25F6_9F21,
+        "uavcan.protocol.dynamic_node_id.server.Discovery";
     AHRS_SOLUTION = 1000, 0x72A6_3A3C_6F41_FA9B, "uavcan.equipment.ahrs.Solution";
-    MAGNETIC_FIELD_STRENGTH = 1001, 0xE2A7_D4A9_460B_C2F2, "uavcan.equipment.ahrs.MagneticFieldStrength";
-    MAGNETIC_FIELD_STRENGTH2 = 1002, 0xB6AC_0C44_2430_297E, "uavcan.equipment.ahrs.MagneticFieldStrength2";
+    MAGNETIC_FIELD_STRENGTH = 1001, 0xE2A7_D4A9_460B_C2F2,
+        "uavcan.equipment.ahrs.MagneticFieldStrength";
+    MAGNETIC_FIELD_STRENGTH2 = 1002, 0xB6AC_0C44_2430_297E,
+        "uavcan.equipment.ahrs.MagneticFieldStrength2";
     RAW_IMU = 1003, 0x8280_632C_40E5_74B5, "uavcan.equipment.ahrs.RawIMU";
     ARRAY_COMMAND = 1010, 0xD8A7_4862_38EC_3AF3, "uavcan.equipment.actuator.ArrayCommand";
     ACTUATOR_STATUS = 1011, 0x5E9B_BA44_FAF1_EA04, "uavcan.equipment.actuator.Status";
@@ -83,12 +86,16 @@ messages! {
     HYGROMETER = 1032, 0xCEB3_0889_2BF1_63E8, "dronecan.sensors.hygrometer.Hygrometer";
     ESC_STATUS = 1034, 0xA9AF_28AE_A2FB_B254, "uavcan.equipment.esc.Status";
     ESC_STATUS_EXTENDED = 1036, 0x02DC_203C_5096_0EDC, "uavcan.equipment.esc.StatusExtended";
-    CAMERA_GIMBAL_ANGULAR_COMMAND = 1040, 0x4AF6_E57B_2B2B_E29C, "uavcan.equipment.camera_gimbal.AngularCommand";
-    CAMERA_GIMBAL_GEOPOI_COMMAND = 1041, 0x9371_428A_92F0_1FD6, "uavcan.equipment.camera_gimbal.GEOPOICommand";
-    MAGNETIC_FIELD_STRENGTH_HI_RES = 1043, 0x3053_EBE3_D750_286F, "dronecan.sensors.magnetometer.MagneticFieldStrengthHiRes";
+    CAMERA_GIMBAL_ANGULAR_COMMAND = 1040, 0x4AF6_E57B_2B2B_E29C,
+        "uavcan.equipment.camera_gimbal.AngularCommand";
+    CAMERA_GIMBAL_GEOPOI_COMMAND = 1041, 0x9371_428A_92F0_1FD6,
+        "uavcan.equipment.camera_gimbal.GEOPOICommand";
+    MAGNETIC_FIELD_STRENGTH_HI_RES = 1043, 0x3053_EBE3_D750_286F,
+        "dronecan.sensors.magnetometer.MagneticFieldStrengthHiRes";
     CAMERA_GIMBAL_STATUS = 1044, 0xB9F1_2786_5BE0_D61E, "uavcan.equipment.camera_gimbal.Status";
     RPM = 1045, 0x1407_07C0_9274_F6E7, "dronecan.sensors.rpm.RPM";
-    RANGE_SENSOR_MEASUREMENT = 1050, 0x68FF_FE70_FC77_1952, "uavcan.equipment.range_sensor.Measurement";
+    RANGE_SENSOR_MEASUREMENT = 1050, 0x68FF_FE70_FC77_1952,
+        "uavcan.equipment.range_sensor.Measurement";
     GNSS_FIX = 1060, 0x54C1_572B_9E07_F297, "uavcan.equipment.gnss.Fix";
     GNSS_AUXILIARY = 1061, 0x9BE8_BDC4_C3DB_BFD2, "uavcan.equipment.gnss.Auxiliary";
     RTCM_STREAM = 1062, 0x1F56_030E_CB17_1501, "uavcan.equipment.gnss.RTCMStream";
@@ -97,15 +104,18 @@ messages! {
     HARDPOINT_STATUS = 1071, 0x624A_519D_4255_3D82, "uavcan.equipment.hardpoint.Status";
     BEEP_COMMAND = 1080, 0xBE9E_A9FE_C2B1_5D52, "uavcan.equipment.indication.BeepCommand";
     LIGHTS_COMMAND = 1081, 0x2031_D93C_8BDD_1EC4, "uavcan.equipment.indication.LightsCommand";
-    PRIMARY_POWER_SUPPLY_STATUS = 1090, 0xBBA0_5074_AD75_7480, "uavcan.equipment.power.PrimaryPowerSupplyStatus";
+    PRIMARY_POWER_SUPPLY_STATUS = 1090, 0xBBA0_5074_AD75_7480,
+        "uavcan.equipment.power.PrimaryPowerSupplyStatus";
     CIRCUIT_STATUS = 1091, 0x8313_D33D_0DDD_A115, "uavcan.equipment.power.CircuitStatus";
     BATTERY_INFO = 1092, 0x249C_2654_8A71_1966, "uavcan.equipment.power.BatteryInfo";
     ARMING_STATUS = 1100, 0x8700_F375_556A_8003, "uavcan.equipment.safety.ArmingStatus";
     DEVICE_TEMPERATURE = 1110, 0x7026_1C28_A941_44C6, "uavcan.equipment.device.Temperature";
-    ICE_RECIPROCATING_STATUS = 1120, 0xD38A_A3EE_7553_7EC6, "uavcan.equipment.ice.reciprocating.Status";
+    ICE_RECIPROCATING_STATUS = 1120, 0xD38A_A3EE_7553_7EC6,
+        "uavcan.equipment.ice.reciprocating.Status";
     FUEL_TANK_STATUS = 1129, 0x286B_4A38_7BA8_4BC4, "uavcan.equipment.ice.FuelTankStatus";
     RC_INPUT = 1140, 0x7715_55E5_96AA_B4CF, "dronecan.sensors.rc.RCInput";
-    GLOBAL_NAVIGATION_SOLUTION = 2000, 0x463B_10CC_CBE5_1C3D, "uavcan.navigation.GlobalNavigationSolution";
+    GLOBAL_NAVIGATION_SOLUTION = 2000, 0x463B_10CC_CBE5_1C3D,
+        "uavcan.navigation.GlobalNavigationSolution";
     TUNNEL_BROADCAST = 2010, 0x5AA2_D4D9_CF4B_1E85, "uavcan.tunnel.Broadcast";
     TUNNEL_SERIAL_CONFIG = 2011, 0x4237_AACE_E87E_82AD, "uavcan.tunnel.SerialConfig";
     TUNNEL_TARGETTED = 3001, 0xB138_E7EA_72A2_A2E9, "uavcan.tunnel.Targetted";
@@ -120,7 +130,8 @@ messages! {
     MOVING_BASELINE_DATA = 20005, 0x09F3_2374_8C32_133A, "ardupilot.gnss.MovingBaselineData";
     REL_POS_HEADING = 20006, 0xA172_7AF2_95F9_4478, "ardupilot.gnss.RelPosHeading";
     NOTIFY_STATE = 20007, 0x631F_2A9C_1651_FDEC, "ardupilot.indication.NotifyState";
-    BATTERY_CONTINUOUS = 20010, 0x756B_5613_40D5_E4AE, "ardupilot.equipment.power.BatteryContinuous";
+    BATTERY_CONTINUOUS = 20010, 0x756B_5613_40D5_E4AE,
+        "ardupilot.equipment.power.BatteryContinuous";
     BATTERY_PERIODIC = 20011, 0x0F01_2494_E973_58D2, "ardupilot.equipment.power.BatteryPeriodic";
     BATTERY_CELLS = 20012, 0x5C8B_1ABD_1589_0EA4, "ardupilot.equipment.power.BatteryCells";
     REMOTEID_BASIC_ID = 20030, 0x5B1C_624A_8E4F_C533, "dronecan.remoteid.BasicID";
@@ -130,8 +141,10 @@ messages! {
     REMOTEID_OPERATOR_ID = 20034, 0x581E_7FC7_F03A_F935, "dronecan.remoteid.OperatorID";
     REMOTEID_ARM_STATUS = 20035, 0xFEDF_72CC_F06F_3BDD, "dronecan.remoteid.ArmStatus";
     BATTERY_TAG = 20500, 0x4A5A_9B42_099F_73E1, "ardupilot.equipment.power.BatteryTag";
-    TRAFFIC_REPORT = 20790, 0x68E4_5DB6_0B69_81F8, "ardupilot.equipment.trafficmonitor.TrafficReport";
-    PROXIMITY_SENSOR_PROXIMITY = 21910, 0x99DD_3985_FB32_22CE, "ardupilot.equipment.proximity_sensor.Proximity";
+    TRAFFIC_REPORT = 20790, 0x68E4_5DB6_0B69_81F8,
+        "ardupilot.equipment.trafficmonitor.TrafficReport";
+    PROXIMITY_SENSOR_PROXIMITY = 21910, 0x99DD_3985_FB32_22CE,
+        "ardupilot.equipment.proximity_sensor.Proximity";
 }
 
 services! {
@@ -143,11 +156,13 @@ services! {
     EXECUTE_OPCODE = 10, 0x3B13_1AC5_EB69_D2CD, "uavcan.protocol.param.ExecuteOpcode";
     GET_SET = 11, 0xA7B6_22F9_39D1_A4D5, "uavcan.protocol.param.GetSet";
     ENUMERATION_BEGIN = 15, 0x196A_E064_26A3_B5D8, "uavcan.protocol.enumeration.Begin";
-    APPEND_ENTRIES = 30, 0x8032_C709_7B48_A3CC, "uavcan.protocol.dynamic_node_id.server.AppendEntries";
+    APPEND_ENTRIES = 30, 0x8032_C709_7B48_A3CC,
+        "uavcan.protocol.dynamic_node_id.server.AppendEntries";
     REQUEST_VOTE = 31, 0xCDDE_07BB_89A5_6356, "uavcan.protocol.dynamic_node_id.server.RequestVote";
     BEGIN_FIRMWARE_UPDATE = 40, 0xB7D7_25DF_7272_4126, "uavcan.protocol.file.BeginFirmwareUpdate";
     FILE_GET_INFO = 45, 0x5004_891E_E8A2_7531, "uavcan.protocol.file.GetInfo";
-    GET_DIRECTORY_ENTRY_INFO = 46, 0x8C46_E8AB_568B_DA79, "uavcan.protocol.file.GetDirectoryEntryInfo";
+    GET_DIRECTORY_ENTRY_INFO = 46, 0x8C46_E8AB_568B_DA79,
+        "uavcan.protocol.file.GetDirectoryEntryInfo";
     FILE_DELETE = 47, 0x7864_8C99_170B_47AA, "uavcan.protocol.file.Delete";
     FILE_READ = 48, 0x8DCD_CA93_9F33_F678, "uavcan.protocol.file.Read";
     FILE_WRITE = 49, 0x515A_A1DC_77E5_8429, "uavcan.protocol.file.Write";

@@ -14,7 +14,12 @@
 //! use mcp2515_ordered::{Attempts, BitTiming, Configuration, Event, Filters, Frame, Mcp2515};
 //!
 //! /// Sends each received frame back, with bit 0 of its identifier inverted.
-//! fn echo(spi: impl SpiBus, cs: impl OutputPin, int: impl InputPin, now_ms: impl Fn() -> u16) -> ! {
+//! fn echo(
+//!     spi: impl SpiBus,
+//!     cs: impl OutputPin,
+//!     int: impl InputPin,
+//!     now_ms: impl Fn() -> u16,
+//! ) -> ! {
 //!     let mut can = Mcp2515::new(spi, cs, int, Configuration {
 //!         timing: const { BitTiming::new(16_000_000, 500_000) },
 //!         acceptance: Filters::ALL_EXTENDED,
@@ -23,7 +28,8 @@
 //!     let mut reply = None;
 //!     loop {
 //!         let mut frame = Frame::EMPTY;
-//!         if reply.is_none() && can.has_frame() && can.receive(&mut frame) && !frame.is_foreign() {
+//!         let has_room = reply.is_none();
+//!         if has_room && can.has_frame() && can.receive(&mut frame) && !frame.is_foreign() {
 //!             frame.id[3] ^= 1;
 //!             reply = Some(frame);
 //!         }

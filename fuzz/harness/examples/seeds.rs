@@ -339,10 +339,21 @@ fn host() -> Vec<(&'static str, Vec<u8>)> {
     let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
     let datagram = datagram::encode(&frame).unwrap_or_default();
     vec![
-        ("slcan-commands", b"\x00\rC\rS8\rO\rF\rV\rN\rZ1\rM00000000\rmFFFFFFFF\rT1404562A60100a95c00c0\rt1232AABB\rr1234\rR000001230\r".to_vec()),
-        ("slcan-replies", b"\x01\r\x07z\rZ\rV1013\rT1404562A60100A95C00C0EA5F\rt1231ABEA5F\r".to_vec()),
+        (
+            "slcan-commands",
+            b"\x00\rC\rS8\rO\rF\rV\rN\rZ1\rM00000000\rmFFFFFFFF\rT1404562A60100a95c00c0\r\
+              t1232AABB\rr1234\rR000001230\r"
+                .to_vec(),
+        ),
+        (
+            "slcan-replies",
+            b"\x01\r\x07z\rZ\rV1013\rT1404562A60100A95C00C0EA5F\rt1231ABEA5F\r".to_vec(),
+        ),
         ("datagram", [&[2], datagram.as_slice()].concat()),
-        ("candump", b"\x031003F20A#01000038C7\n123#R4\n123#1122334455667788_C\n00000123#R\n".to_vec()),
+        (
+            "candump",
+            b"\x031003F20A#01000038C7\n123#R4\n123#1122334455667788_C\n00000123#R\n".to_vec(),
+        ),
         ("name", b"\x06uavcan.equipment.actuator.ArrayCommand".to_vec()),
         ("short-name", b"\x06Status".to_vec()),
     ]

@@ -184,7 +184,13 @@ pub fn run(mut input: &[u8]) {
         .try_into()
         .expect("one frame");
     rig.bridge.frame(rig.now, &Frame::extended(id, &status));
-    let is_told = |post: &Post| matches!(post, Post::Status { node, out } if *node == source && matches!(out.content, Content::Status { .. }));
+    let is_told = |post: &Post| {
+        matches!(
+            post,
+            Post::Status { node, out }
+                if *node == source && matches!(out.content, Content::Status { .. })
+        )
+    };
     let posts = rig.bridge.take_posts();
     assert!(posts.iter().any(is_told), "{posts:?}");
 }

@@ -113,9 +113,11 @@ pub fn run(input: &[u8]) {
     let index = index % parameters::COUNT as u8;
     let first = set(&mut rig, index, u16::from_le_bytes([a0, a1]));
     let response = rig.ask(Type::GetSet, &[index, 0]);
-    assert!(
-        matches!(response, Some(Message::ParameterResponse(response)) if matches!(response.value, Value::Integer(_)))
-    );
+    assert!(matches!(
+        response,
+        Some(Message::ParameterResponse(response))
+            if matches!(response.value, Value::Integer(_))
+    ));
     save(&mut rig);
     restart(&mut rig);
     assert_eq!(rig.parameter(index), Some(first), "a saved value must be kept");

@@ -201,7 +201,10 @@ fn timeout_ms(key: u32) -> u64 {
 /// True if transfers with this key are lists.
 fn is_list(key: u32) -> bool {
     let lists = [types::ARRAY_COMMAND.id, types::LIGHTS_COMMAND.id, draft::types::ARRAY_COMMAND.id];
-    matches!(CanId::parse(key & !DRAFT), Some(CanId::Message { type_id, .. }) if lists.contains(&type_id))
+    matches!(
+        CanId::parse(key & !DRAFT),
+        Some(CanId::Message { type_id, .. }) if lists.contains(&type_id)
+    )
 }
 
 /// A pulse width in ticks of half a microsecond, and the tolerance.
@@ -358,7 +361,10 @@ impl Completed {
                     });
                 }
                 let last = entries.iter().rev().find(|entry| u16::from(entry[0]) == actuator)?;
-                let is_clear = !matches!(*last, [_, PWM, low, high] if f16::from_le_bytes([low, high]) < f16::ONE);
+                let is_clear = !matches!(
+                    *last,
+                    [_, PWM, low, high] if f16::from_le_bytes([low, high]) < f16::ONE
+                );
                 Some(Order::Go { widths: vec![width(last)?], is_clear })
             }
             (CanId::Message { type_id, .. }, &[byte]) if type_id == types::THESIS_COMMAND.id => {

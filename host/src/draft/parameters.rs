@@ -2,7 +2,8 @@
 //! bytes.
 //!
 //! ```text
-//! Value    : list of up to one bool, of up to one int64, one float32, one string of up to 63 bytes; each list after its length
+//! Value    : list of up to one bool, of up to one int64, one float32, one string of up to 63
+//!            bytes; each list after its length
 //! request  : Value, index u8, name
 //! response : Value, default Value, maximum Value, minimum Value, name
 //! ```

@@ -466,7 +466,12 @@ fn no_identifier_is_a_known_type_of_both_dialects() {
 proptest! {
     /// No frame from the bus may cause a panic.
     #[test]
-    fn no_frame_causes_a_panic(frames in prop::collection::vec((0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)), 0..64)) {
+    fn no_frame_causes_a_panic(
+        frames in prop::collection::vec(
+            (0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)),
+            0..64,
+        ),
+    ) {
         let mut assembler = Assembler::new();
         for (id, data) in frames {
             if let Outcome::Complete(transfer) = assembler.push(id, &data, AT) {
@@ -478,7 +483,9 @@ proptest! {
     /// No payload of any type may cause a panic.
     #[test]
     fn no_payload_causes_a_panic(
-        known in 0..types::KNOWN.len(), way in 0..2, payload in prop::collection::vec(any::<u8>(), 0..100),
+        known in 0..types::KNOWN.len(),
+        way in 0..2,
+        payload in prop::collection::vec(any::<u8>(), 0..100),
     ) {
         let DataType { kind, id, .. } = types::KNOWN[known];
         let route = match (kind, way) {
@@ -487,7 +494,8 @@ proptest! {
             (Kind::Service, 0) => Route::Request(node(2)),
             (Kind::Service, _) => Route::Response(node(2)),
         };
-        let transfer = Transfer { type_id: id, source: node(1), route, transfer_id: TransferId::new(0), payload };
+        let transfer_id = TransferId::new(0);
+        let transfer = Transfer { type_id: id, source: node(1), route, transfer_id, payload };
         let message = Message::decode(&transfer);
         if let Some((data_type, payload)) = message.encode() {
             prop_assert_eq!(data_type.id, id);
@@ -507,10 +515,14 @@ proptest! {
     /// Assembling the frames of a payload gives the payload, at any length, to all nodes or to one.
     #[test]
     fn split_and_assembly_are_inverse(
-        payload in prop::collection::vec(any::<u8>(), 0..=transfer::PAYLOAD_MAX), number in 0u8..8, to_one in any::<bool>(),
+        payload in prop::collection::vec(any::<u8>(), 0..=transfer::PAYLOAD_MAX),
+        number in 0u8..8,
+        to_one in any::<bool>(),
     ) {
-        let (type_id, route) = if to_one { (551, Route::Response(node(127))) } else { (265, Route::Broadcast) };
-        let transfer = Transfer { type_id, source: node(120), route, transfer_id: TransferId::new(number), payload };
+        let to_127 = (551, Route::Response(node(127)));
+        let (type_id, route) = if to_one { to_127 } else { (265, Route::Broadcast) };
+        let transfer_id = TransferId::new(number);
+        let transfer = Transfer { type_id, source: node(120), route, transfer_id, payload };
         let signature = DataType::of(type_id, route.transfer_type()).unwrap().signature.unwrap();
         let frames = transfer.split(signature);
         prop_assert_eq!(assemble(&frames), transfer);

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! offset  0      2      4       6                        10
-//!         magic  crc    flags   identifier               data, 0 to 8 bytes        all little endian
+//!         magic  crc    flags   identifier               data, 0 to 8 bytes    little endian
 //!         0x2934        bit 0:  bit 31: it has 29 bits
 //!                       CAN FD
 //! ```

@@ -22,8 +22,9 @@ impl Peripheral for ExternalInterrupts {
         let core = &base.core;
         match address {
             // simavr loses an edge that comes while its interrupt is masked.
-            // > [...] an edge [...] triggers an interrupt request, INTF0 becomes set [...]. If the I-bit in SREG and the INT0 bit
-            // > in EIMSK are set (one), the MCU will jump to the corresponding Interrupt Vector. (section 13.2.3)
+            // > [...] an edge [...] triggers an interrupt request, INTF0 becomes set [...]. If the
+            // > I-bit in SREG and the INT0 bit in EIMSK are set (one), the MCU will jump to the
+            // > corresponding Interrupt Vector. (section 13.2.3)
             EIMSK => {
                 core.set(EIMSK, value);
                 let flags = core.get(EIFR);
@@ -31,7 +32,8 @@ impl Peripheral for ExternalInterrupts {
                     core.raise(Vector::External(n));
                 }
             }
-            // > Alternatively, the flag can be cleared by writing a logical one to it. (section 13.2.3)
+            // > Alternatively, the flag can be cleared by writing a logical one to it. (section
+            // > 13.2.3)
             _ => {
                 for n in [0, 1].into_iter().filter(|n| value & 1 << n != 0) {
                     core.clear(Vector::External(n));

@@ -380,8 +380,8 @@ unsafe extern "C" fn on_interrupt(_: *mut ffi::avr_irq_t, _: u32, context: *mut 
             // > The interrupt execution response for all the enabled AVR interrupts is four clock
             // > cycles minimum. (section 7.7.1) simavr takes none.
             machine.base.core.set_cycle(machine.base.core.cycle() + 4);
-            // > When this bit is set (one), the interrupt vectors are moved to the beginning of the Boot Loader section of the
-            // > Flash. (MCUCR, IVSEL) simavr leaves them where they are.
+            // > When this bit is set (one), the interrupt vectors are moved to the beginning of the
+            // > Boot Loader section of the Flash. (MCUCR, IVSEL) simavr leaves them where they are.
             if machine.base.core.get(regs::MCUCR) & regs::IVSEL != 0 {
                 machine.base.core.set_pc(
                     machine.base.core.pc()

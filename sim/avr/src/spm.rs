@@ -176,7 +176,10 @@ impl Spm {
     /// > The CPU is halted during the entire Page Write operation if the NRWW section is addressed.
     /// > (SPMCSR)
     pub fn halts_cpu(&self) -> bool {
-        matches!(self.job, Some((Job::Erase(page) | Job::Write(page), _)) if page >= self.chip.nrww_start())
+        matches!(
+            self.job,
+            Some((Job::Erase(page) | Job::Write(page), _)) if page >= self.chip.nrww_start()
+        )
     }
 
     /// Checks the program counter before an instruction. Stops a program that executes the RWW
@@ -238,8 +241,8 @@ impl Spm {
                     "SPMCSR is written with {value:#04x}, which is not a command: no effect"
                 ));
             }
-            // > If the RWWSRE bit is written while the Flash is being loaded, the Flash load operation will abort and the data
-            // > loaded will be lost. (SPMCSR)
+            // > If the RWWSRE bit is written while the Flash is being loaded, the Flash load
+            // > operation will abort and the data loaded will be lost. (SPMCSR)
             if command == Some(Command::EnableRww) {
                 self.erase_buffer();
             }
@@ -320,7 +323,8 @@ impl Spm {
         match self.job {
             Some((job @ (Job::Erase(page) | Job::Write(page)), _)) => {
                 self.change_page(base, job, page, |_, new| new);
-                // > The temporary buffer will auto-erase after a Page Write operation ("Filling the Temporary Buffer")
+                // > The temporary buffer will auto-erase after a Page Write operation ("Filling the
+                // > Temporary Buffer")
                 if matches!(job, Job::Write(_)) {
                     self.erase_buffer();
                 }

@@ -316,8 +316,9 @@ mod tests {
     }
 
     /// A note that avr-gcc 14 has written.
-    const NOTE: &[u8] = b"\x04\0\0\0\x2d\0\0\0\x01\0\0\0AVR\0\0\0\0\0\0\x80\0\0\0\x01\0\0\0\x08\0\0\0\0\0\0\0\x04\0\0\
-        \x08\0\0\0\x01\0\0\0\0atmega328p\0\0\0\0";
+    const NOTE: &[u8] =
+        b"\x04\0\0\0\x2d\0\0\0\x01\0\0\0AVR\0\0\0\0\0\0\x80\0\0\0\x01\0\0\0\x08\0\0\
+        \0\0\0\0\0\x04\0\0\x08\0\0\0\x01\0\0\0\0atmega328p\0\0\0\0";
 
     #[test]
     fn the_device_is_read_from_the_linker_s_note() {

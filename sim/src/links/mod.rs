@@ -76,7 +76,13 @@ pub struct Args {
     pub script: Option<PathBuf>,
 
     /// Put this many further boards, 0 to 126, with the same firmware on the bus
-    #[arg(long, value_name = "N", default_value_t = 0, value_parser = further_boards, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "N",
+        default_value_t = 0,
+        value_parser = further_boards,
+        allow_hyphen_values = true,
+    )]
     pub nodes: usize,
 
     /// Keep the node's EEPROM in FILE from run to run; further boards use FILE.1, FILE.2 and so on

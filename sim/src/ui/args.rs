@@ -28,34 +28,39 @@ The exit code is 0 if the firmware ran without a crash and without a mistake, 1 
 command line is wrong, and 3 after an error of this computer, such as a missing file or a busy \
                      port.";
 
+/// The end of the help.
+const EXAMPLES: &str = "\
+Examples:
+  sim                                    the live bench
+  sim --plain --for 5s                   five seconds as lines
+  sim --for 1m --speed max | tail -9     the summary, with the speed that this computer reaches
+  sim --hold 0.5 --command-type pwm      servo held at 1750 us, commanded in microseconds
+  sim --plain --for 6s --inject cable@2s --inject cable@4s
+                                         the cable is pulled at 2 s and plugged at 4 s
+  sim --plain --traffic --for 1s         every message on the bus
+  sim --autopilot ardupilot              commands for 15 servos in each message, like ArduPilot's
+  sim --autopilot ardupilot --actuator all --motors 4
+                                         each servo sweeps with its own phase, and four motors turn
+  sim --dialect draft --autopilot thesis
+                                         the autopilot of the thesis, in the UAVCAN of 2014
+  sim --plain --for 9s --inject other-dialect@4s
+                                         an autopilot of the other dialect replaces the first at 4 s
+  sim --no-autopilot --slcan ./can       a port for the DroneCAN GUI Tool: slcan: and its whole path
+  sim --serial ./arduino                 a port for a terminal program; opening it resets the board
+  sim --bootloader --slcan ./can         a node that takes updates over the bus: docs/update.md
+  sim --elf sketch.elf --board uno --shield module --no-autopilot
+                                         your own program for an Uno with a blue module, 8 MHz
+  sim --elf sketch.elf --mcu atmega328p --cs D10 --int D2 --crystal 8
+                                         the same, wire by wire
+";
+
 fn after_help() -> String {
     let keys: String =
         keys::HELP.iter().map(|(keys, text)| format!("  {keys:15}{text}\n")).collect();
     format!(
         "Keys of the live view:\n{keys}\n\
          Faults for --inject NAME@TIME:\n{}\n\
-         Examples:\n\
-         \x20 sim                                    the live bench\n\
-         \x20 sim --plain --for 5s                   five seconds as lines\n\
-         \x20 sim --for 1m --speed max | tail -9     the summary, with the speed that this computer reaches\n\
-         \x20 sim --hold 0.5 --command-type pwm      servo held at 1750 us, commanded in microseconds\n\
-         \x20 sim --plain --for 6s --inject cable@2s --inject cable@4s\n\
-         \x20                                        the cable is pulled at 2 s and plugged at 4 s\n\
-         \x20 sim --plain --traffic --for 1s         every message on the bus\n\
-         \x20 sim --autopilot ardupilot              commands for 15 servos in each message, like ArduPilot's\n\
-         \x20 sim --autopilot ardupilot --actuator all --motors 4\n\
-         \x20                                        each servo sweeps with its own phase, and four motors turn\n\
-         \x20 sim --dialect draft --autopilot thesis\n\
-         \x20                                        the autopilot of the thesis, in the UAVCAN of 2014\n\
-         \x20 sim --plain --for 9s --inject other-dialect@4s\n\
-         \x20                                        an autopilot of the other dialect replaces the first at 4 s\n\
-         \x20 sim --no-autopilot --slcan ./can       a port for the DroneCAN GUI Tool: slcan: and its whole path\n\
-         \x20 sim --serial ./arduino                 a port for a terminal program; opening it resets the board\n\
-         \x20 sim --bootloader --slcan ./can         a node that takes updates over the bus: docs/update.md\n\
-         \x20 sim --elf sketch.elf --board uno --shield module --no-autopilot
-         \x20                                        your own program for an Uno with a blue module, 8 MHz\n\
-         \x20 sim --elf sketch.elf --mcu atmega328p --cs D10 --int D2 --crystal 8
-         \x20                                        the same, wire by wire\n",
+         {EXAMPLES}",
         fault::table()
     )
 }
@@ -76,7 +81,12 @@ pub struct Args {
     pub elf: Option<PathBuf>,
 
     /// End after this simulated time: 500ms, 5s, 2m, 1h [default: run until the user quits]
-    #[arg(long = "for", value_name = "TIME", value_parser = parse_duration, allow_hyphen_values = true)]
+    #[arg(
+        long = "for",
+        value_name = "TIME",
+        value_parser = parse_duration,
+        allow_hyphen_values = true,
+    )]
     pub duration: Option<Cycles>,
 
     /// Simulated seconds for each real second, such as 0.1; max: as fast as this computer can
@@ -122,12 +132,23 @@ pub struct Args {
 
     /// Actuator ID that the autopilot moves, 0 to 255; for ardupilot 1 to 15, for px4 0 to 7; all:
     /// each with its own phase
-    #[arg(long, value_name = "ID|all", default_value = "1", value_parser = actuator, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "ID|all",
+        default_value = "1",
+        value_parser = actuator,
+        allow_hyphen_values = true,
+    )]
     pub actuator: Actuator,
 
     /// Number of actuators in each command, from the first ID on; 0 for no ArrayCommand [default:
     /// 15 for ardupilot and ardupilot-pwm, 8 for px4]
-    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u8).range(0..=15), allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "NUMBER",
+        value_parser = clap::value_parser!(u8).range(0..=15),
+        allow_hyphen_values = true,
+    )]
     pub servos: Option<u8>,
 
     /// Leave the actuators that move out of the commands while disarmed, as ArduPilot leaves out
@@ -141,7 +162,13 @@ pub struct Args {
     pub motors: Option<u8>,
 
     /// Commands for motors a second, 1 to 400
-    #[arg(long, value_name = "HZ", default_value_t = 50, value_parser = clap::value_parser!(u32).range(1..=400), allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "HZ",
+        default_value_t = 50,
+        value_parser = clap::value_parser!(u32).range(1..=400),
+        allow_hyphen_values = true,
+    )]
     pub motor_rate: u32,
 
     /// Read this parameter of each new node by its name, and print it, as ArduPilot does for its
@@ -164,11 +191,23 @@ pub struct Args {
     pub hold: Option<f64>,
 
     /// Time of one sweep of the servo, there and back, 100ms to 1h
-    #[arg(long, value_name = "TIME", default_value = "4s", value_parser = sweep_period, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "TIME",
+        default_value = "4s",
+        value_parser = sweep_period,
+        allow_hyphen_values = true,
+    )]
     pub sweep_period: Cycles,
 
     /// Temperature at the sensor, in degrees Celsius, -55 to 150
-    #[arg(long, value_name = "DEGREES", default_value_t = 25.0, value_parser = celsius, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "DEGREES",
+        default_value_t = 25.0,
+        value_parser = celsius,
+        allow_hyphen_values = true,
+    )]
     pub temperature: f64,
 
     /// Voltage at the input that measures the circuit's voltage, in millivolts, 0 to 5000
@@ -187,7 +226,13 @@ pub struct Args {
     pub inject: Vec<Injection>,
 
     /// Leave out the autopilot, like --autopilot none
-    #[arg(long, conflicts_with_all = ["autopilot", "hold", "autopilot_id", "actuator", "motors", "command_type", "sweep_period", "allocate", "dialect", "only"])]
+    #[arg(
+        long,
+        conflicts_with_all = [
+            "autopilot", "hold", "autopilot_id", "actuator", "motors", "command_type",
+            "sweep_period", "allocate", "dialect", "only",
+        ],
+    )]
     pub no_autopilot: bool,
 
     /// Options for the board.

@@ -315,7 +315,9 @@ mod tests {
         let report = json(&state);
         let outputs =
             serde_json::json!([{"output": 2, "width_us": null}, {"output": 3, "width_us": 1500.5}]);
-        let circuit = serde_json::json!({"circuit_id": 120, "voltage_v": 12.5, "current_a": null, "error_flags": 1});
+        let circuit = serde_json::json!({
+            "circuit_id": 120, "voltage_v": 12.5, "current_a": null, "error_flags": 1
+        });
         assert_eq!((&report["outputs"], &report["circuit"]), (&outputs, &circuit));
     }
 

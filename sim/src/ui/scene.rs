@@ -879,7 +879,8 @@ mod tests {
     #[test]
     fn the_board_is_announced_first_and_has_the_limits_of_its_chip() {
         let program = vec![(0, IDLE.to_vec())];
-        let section = b"board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\nservo=D9\nsensor=A0\n";
+        let section = b"board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\n\
+              servo=D9\nsensor=A0\n";
         let firmware = Firmware {
             flash: program.clone(),
             board: Some(section.to_vec()),

@@ -240,7 +240,8 @@ fn autopilot_version_has_the_whole_unique_id() {
     let mut rig = Rig::with_node(0);
     rig.command(126, command::REQUEST_MESSAGE, &[148.0]);
     rig.run_ms(1);
-    assert!(
-        matches!(rig.sent_messages()[1].1, Content::Capabilities { unique_id, .. } if unique_id == [7; 16])
-    );
+    assert!(matches!(
+        rig.sent_messages()[1].1,
+        Content::Capabilities { unique_id, .. } if unique_id == [7; 16]
+    ));
 }

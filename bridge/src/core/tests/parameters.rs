@@ -71,7 +71,13 @@ fn a_set_parameter_is_sent_to_all_stations_with_the_node_s_value() {
         Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(1900), kind: INT32 },
     );
     rig.run_ms(100);
-    let to_all = |(_, post): &(Duration, Post)| matches!(post, Post::Message { to: To::All, class: Class::Answer, out } if matches!(out.content, Content::Parameter { .. }));
+    let to_all = |(_, post): &(Duration, Post)| {
+        matches!(
+            post,
+            Post::Message { to: To::All, class: Class::Answer, out }
+                if matches!(out.content, Content::Parameter { .. })
+        )
+    };
     assert_eq!(rig.posts.iter().filter(|post| to_all(post)).count(), 1);
     assert_eq!(rig.parameters(), [(String::from("PARAM_1"), Number::Int32(1900), 3, 1)]);
     assert_eq!(rig.node().parameters[1].value, Value::Integer(1900));

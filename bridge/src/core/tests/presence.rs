@@ -200,7 +200,12 @@ fn a_hidden_node_has_no_heartbeat_and_the_bridge_s_component_one() {
     rig.bridge.state.settings.component = 1;
     rig.bridge.state.settings.hidden.insert(NodeId::new(7).unwrap());
     rig.run_ms(2500);
-    let own = |(_, post): &&(Duration, Post)| matches!(post, Post::Message { out, .. } if out.key() == Some((1, 0, 0)));
+    let own = |(_, post): &&(Duration, Post)| {
+        matches!(
+            post,
+            Post::Message { out, .. } if out.key() == Some((1, 0, 0))
+        )
+    };
     assert_eq!(rig.posts.iter().filter(own).count(), 3);
     assert_eq!(heartbeats(&mut rig), BTreeSet::from([1]));
     let statuses = |rig: &mut Rig| {

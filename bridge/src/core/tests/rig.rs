@@ -226,7 +226,12 @@ impl Rig {
             Post::Message { out, .. } => Some((out.component, out.content)),
             _ => None,
         });
-        let heartbeat = |content: &Content| matches!(content, Content::Message(m) if matches!(**m, MavMessage::HEARTBEAT(_)));
+        let heartbeat = |content: &Content| {
+            matches!(
+                content,
+                Content::Message(m) if matches!(**m, MavMessage::HEARTBEAT(_))
+            )
+        };
         sent.filter(|(_, content)| !heartbeat(content)).collect()
     }
 
