@@ -117,8 +117,8 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64) -> String {
     let loss = |row: &&Row| row.lost as f64 / row.frames.max(1) as f64;
     let worst = rows.iter().max_by(|one, other| loss(one).total_cmp(&loss(other)));
     let of = format!(
-        "On a full bus of 1 Mbit/s the {chip} lost {{}} of {frames} frames of valid transfers in {} floods of {minutes} \
-         simulated minutes each",
+        "On a full bus of 1 Mbit/s the {chip} lost {{}} of {frames} frames of valid transfers in \
+         {} floods of {minutes} simulated minutes each",
         rows.len()
     );
     let lost: u64 = rows.iter().map(|row| row.lost).sum();
@@ -135,13 +135,14 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64) -> String {
 pub fn part(rows: &[Row], chip: Chip, minutes: f64) -> String {
     let mut part = format!("{}\n\n{}\n\n", heading(chip), sentence(rows, chip, minutes));
     part.push_str(
-        "Written by `make losses`. The bus is full of valid transfers with random values that change with each frame,\n\
-         while a client reads, sets and saves parameters. *Superseded* commands, out of those on the bus, were received\n\
-         and replaced by a newer one before the node followed them (only with one output). *Release* is the longest time\n\
-         from the end of a frame to the release of its buffer. *Queue* is how full the firmware's queue of received\n\
-         frames became. *Newest* is the longest time until an output had the newest value.\n\n\
-         | program | frames | sent | lost | | superseded | release, cycles | queue | newest |\n\
-         | --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+        "Written by `make losses`. The bus is full of valid transfers with random values that \
+         change with each frame,\nwhile a client reads, sets and saves parameters. *Superseded* \
+         commands, out of those on the bus, were received\nand replaced by a newer one before the \
+         node followed them (only with one output). *Release* is the longest time\nfrom the end \
+         of a frame to the release of its buffer. *Queue* is how full the firmware's queue of \
+         received\nframes became. *Newest* is the longest time until an output had the newest \
+         value.\n\n| program | frames | sent | lost | | superseded | release, cycles | queue | \
+         newest |\n| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
     );
     for row in rows {
         let _ = writeln!(part, "| {} |", row.cells().join(" | "));

@@ -93,9 +93,9 @@ fn row(page: &mut String, cells: &[String]) {
 
 fn loads(page: &mut String, runs: &[(Load, u64, Figures)]) {
     page.push_str(
-        "| frames | priority | pace | received | lost | out of order | stuck | service, median / max | release, \
-         median / 99 % / max | chip selects | bytes besides the data |\n\
-         | --- | ---: | --- | ---: | ---: | ---: | --- | ---: | ---: | ---: | ---: |\n",
+        "| frames | priority | pace | received | lost | out of order | stuck | service, median / \
+         max | release, median / 99 % / max | chip selects | bytes besides the data |\n| --- | \
+         ---: | --- | ---: | ---: | ---: | --- | ---: | ---: | ---: | ---: |\n",
     );
     for (load, ms, figures) in runs {
         let meter = &figures.meter;
@@ -126,8 +126,8 @@ fn loads(page: &mut String, runs: &[(Load, u64, Figures)]) {
 /// Compares the node with the minimum that the SPI's speed allows.
 fn floor(page: &mut String, runs: &[(Load, u64, Figures)]) {
     page.push_str(
-        "| data | bytes on the SPI | minimum | service, median | times the minimum |\n\
-         | ---: | ---: | ---: | ---: | ---: |\n",
+        "| data | bytes on the SPI | minimum | service, median | times the minimum |\n| ---: | \
+         ---: | ---: | ---: | ---: |\n",
     );
     let full = |run: &&(Load, u64, Figures)| run.0.priority == 0 && run.0.pace == Pace::Full;
     for (load, _, figures) in runs.iter().filter(full) {
@@ -149,8 +149,8 @@ fn floor(page: &mut String, runs: &[(Load, u64, Figures)]) {
 
 fn servo(page: &mut String, runs: &[(Load, u64, Figures)]) {
     page.push_str(
-        "| frames | priority | pace | commands followed | register written, median | max |\n\
-         | --- | ---: | --- | ---: | ---: | ---: |\n",
+        "| frames | priority | pace | commands followed | register written, median | max |\n| --- \
+         | ---: | --- | ---: | ---: | ---: |\n",
     );
     for (load, ms, figures) in runs.iter().filter(|(load, ..)| load.kind.moves_servo()) {
         let latency = &figures.command_to_servo;
@@ -175,8 +175,8 @@ fn servo(page: &mut String, runs: &[(Load, u64, Figures)]) {
     let pulses: u64 = runs.iter().flat_map(|(.., figures)| figures.periods.values()).sum();
     let _ = writeln!(
         page,
-        "\nThe periods of all {pulses} pulses differ by {} ticks of Timer1 (0.5 us), and the register was\nwritten \
-         {unasked} times with a value that no command had requested.",
+        "\nThe periods of all {pulses} pulses differ by {} ticks of Timer1 (0.5 us), and the \
+         register was\nwritten {unasked} times with a value that no command had requested.",
         jitter / 8
     );
 }
@@ -185,7 +185,8 @@ fn servo(page: &mut String, runs: &[(Load, u64, Figures)]) {
 fn turns(page: &mut String) {
     let names = Names::of_node();
     page.push_str(
-        "| on the bus | turns | mean | worst | | most of the worst turn |\n| --- | ---: | ---: | ---: | ---: | --- |\n",
+        "| on the bus | turns | mean | worst | | most of the worst turn |\n| --- | ---: | ---: | \
+         ---: | ---: | --- |\n",
     );
     let full = |kind| Some(Load { kind, priority: 31, pace: Pace::Full });
     let loads = [
@@ -231,8 +232,9 @@ fn turns(page: &mut String) {
         );
         if worst.as_ref().is_none_or(|(most, _)| longest > *most) {
             let mut table = format!(
-                "The longest turn, {longest} cycles with {what},\nby what the main function calls, and by the \
-                 innermost function (only those with 2 % or more):\n\n| cycles | task |\n| ---: | --- |\n"
+                "The longest turn, {longest} cycles with {what},\nby what the main function \
+                 calls, and by the innermost function (only those with 2 % or more):\n\n| cycles \
+                 | task |\n| ---: | --- |\n"
             );
             for share in &tasks {
                 row(&mut table, &[share.cycles.to_string(), format!("`{}`", share.name)]);
@@ -253,9 +255,9 @@ fn turns(page: &mut String) {
         if deepest.as_ref().is_none_or(|(most, _)| depth > *most) {
             let (statics, depth_seen) = (bottom - 0x100, top - sp);
             let mut table = format!(
-                "{depth} bytes at the deepest, with {what}; with {statics} bytes of variables {} of {}. The calls \
-                 that\nlead there, {depth_seen} bytes, with the stack in use when each makes the next call:\n\n\
-                 | bytes | function |\n| ---: | --- |\n",
+                "{depth} bytes at the deepest, with {what}; with {statics} bytes of variables {} \
+                 of {}. The calls that\nlead there, {depth_seen} bytes, with the stack in use \
+                 when each makes the next call:\n\n| bytes | function |\n| ---: | --- |\n",
                 statics + depth,
                 budget().statics_and_stack
             );
@@ -311,9 +313,9 @@ impl Firmware {
 /// Writes the table of firmwares. Rows in italics are published results.
 fn peers(page: &mut String, firmwares: &[Firmware]) {
     page.push_str(
-        "| firmware | lossless up to | lost at 100 % | out of order | service, median / max | release, max | SPI \
-         bytes / chip selects |\n\
-         | --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+        "| firmware | lossless up to | lost at 100 % | out of order | service, median / max | \
+         release, max | SPI bytes / chip selects |\n| --- | ---: | ---: | ---: | ---: | ---: | \
+         ---: |\n",
     );
     for Firmware { name, loss, full } in firmwares {
         let lossless =
@@ -333,13 +335,13 @@ fn peers(page: &mut String, firmwares: &[Firmware]) {
         );
     }
     page.push_str(
-        "| *Arduino core, MCP_CAN, Servo: the thesis's sketch, printing* | *3.9 %* | *96.0 %* | | *2596 / 2933* | | \
-         *24 / 7* |\n\
-         | *the same, silent* | *34.0 %* | *65.9 %* | | *2344 / 2683* | | *24 / 7* |\n\
-         | *MCP_CAN, bare loop* | *53.3 %* | *46.6 %* | | *2296 / 2398* | | *24 / 7* |\n\
-         | *autowp's library, bare loop* | *72.5 %* | *27.5 %* | | *1653 / 1755* | | *20 / 5* |\n\
-         | *`mcp25xx` 0.4, bare loop* | *99.4 %* | *0.8 %* | | *1164 / 1173* | | *21 / 3* |\n\
-         | *`mcp2515` 0.3, bare loop* | *63.7 %* | *36.3 %* | | *2021 / 2025* | | *25 / 8* |\n",
+        "| *Arduino core, MCP_CAN, Servo: the thesis's sketch, printing* | *3.9 %* | *96.0 %* | | \
+         *2596 / 2933* | | *24 / 7* |\n| *the same, silent* | *34.0 %* | *65.9 %* | | *2344 / \
+         2683* | | *24 / 7* |\n| *MCP_CAN, bare loop* | *53.3 %* | *46.6 %* | | *2296 / 2398* | | \
+         *24 / 7* |\n| *autowp's library, bare loop* | *72.5 %* | *27.5 %* | | *1653 / 1755* | | \
+         *20 / 5* |\n| *`mcp25xx` 0.4, bare loop* | *99.4 %* | *0.8 %* | | *1164 / 1173* | | *21 \
+         / 3* |\n| *`mcp2515` 0.3, bare loop* | *63.7 %* | *36.3 %* | | *2021 / 2025* | | *25 / \
+         8* |\n",
     );
 }
 
@@ -445,10 +447,10 @@ fn speed(eeproms: &[Vec<u8>]) -> f64 {
 fn speeds() -> String {
     let eeproms = eeproms(10);
     let mut page = String::from(
-        "# Speed of the simulation\n\n\
-         Written by `make bench`: simulated time over real time, on one core of the machine that it ran on, with an autopilot at work. It\n\
-         is another number on another machine, and on the same one on another day.\n\n\
-         | boards on the bus | times real time | boards x time |\n| ---: | ---: | ---: |\n",
+        "# Speed of the simulation\n\nWritten by `make bench`: simulated time over real time, on \
+         one core of the machine that it ran on, with an autopilot at work. It\nis another number \
+         on another machine, and on the same one on another day.\n\n| boards on the bus | times \
+         real time | boards x time |\n| ---: | ---: | ---: |\n",
     );
     for boards in [1, 2, 5, 10] {
         let speed = speed(&eeproms[..boards]);
@@ -459,8 +461,8 @@ fn speeds() -> String {
     let full = SPEED_MS as f64 / 1000.0 / started.elapsed().as_secs_f64();
     let _ = writeln!(
         page,
-        "\nOne board on a bus that is full of commands, measured as for [benchmarks.md](benchmarks.md): {full:.1} \
-         times."
+        "\nOne board on a bus that is full of commands, measured as for \
+         [benchmarks.md](benchmarks.md): {full:.1} times."
     );
     page
 }
@@ -489,20 +491,23 @@ fn main() {
     }
     let begun = Instant::now();
     let mut page = String::from(
-        "# Benchmarks\n\n\
-         Written by `make bench`: the shipped ELF in the simulator, measured at its pins, on the SPI and on the bus, in cycles of the 16 MHz\n\
-         AVR (16 cycles are a microsecond). A second run writes the same page. The bus has 1 Mbit/s.\n\n\
-         **Everything is on** unless a row says otherwise: `actuator.Status` and `device.Temperature` 50 times a second,\n\
-         a client reads all parameters as fast as the node answers, and in each round sets one and saves all; the serial monitor\n\
-         is read and gets a `?` twice a second.\n\n\
-         ## Load\n\n\
-         Frames that the filters accept, at priority 0 (they win every arbitration against the node) or 31 (they lose every arbitration, so that\n\
-         all of the node's messages go out, too), back to back, or in bursts of 1 to 40 after silences of up to 10 ms. *Service* is the time from\n\
-         the chip select of the status read that finds a frame to the release of its buffer (RXnIF cleared), *release* the time from the end of\n\
-         the frame on the bus to that release. The node reads and rejects invalid frames, and frames that are not for it although its filters\n\
-         accept them: messages whose type has the low byte of ArrayCommand's (such as 20210), requests for services that it does not have, and\n\
-         messages of its types from an anonymous sender or from its own ID.\n\n\
-         The limits: no frame of a transfer lost, median of the service 450 cycles, release at most 1,250 cycles.\n\n",
+        "# Benchmarks\n\nWritten by `make bench`: the shipped ELF in the simulator, measured at \
+         its pins, on the SPI and on the bus, in cycles of the 16 MHz\nAVR (16 cycles are a \
+         microsecond). A second run writes the same page. The bus has 1 Mbit/s.\n\n**Everything \
+         is on** unless a row says otherwise: `actuator.Status` and `device.Temperature` 50 times \
+         a second,\na client reads all parameters as fast as the node answers, and in each round \
+         sets one and saves all; the serial monitor\nis read and gets a `?` twice a second.\n\n## \
+         Load\n\nFrames that the filters accept, at priority 0 (they win every arbitration \
+         against the node) or 31 (they lose every arbitration, so that\nall of the node's \
+         messages go out, too), back to back, or in bursts of 1 to 40 after silences of up to 10 \
+         ms. *Service* is the time from\nthe chip select of the status read that finds a frame to \
+         the release of its buffer (RXnIF cleared), *release* the time from the end of\nthe frame \
+         on the bus to that release. The node reads and rejects invalid frames, and frames that \
+         are not for it although its filters\naccept them: messages whose type has the low byte \
+         of ArrayCommand's (such as 20210), requests for services that it does not have, \
+         and\nmessages of its types from an anonymous sender or from its own ID.\n\nThe limits: \
+         no frame of a transfer lost, median of the service 450 cycles, release at most 1,250 \
+         cycles.\n\n",
     );
     let paces = [(0, Pace::Full), (31, Pace::Full), (31, Pace::Bursts)];
     let all = Kind::MATCHING
@@ -526,8 +531,9 @@ fn main() {
     let most = positions.map(lost).fold(0.0, f64::max);
     let _ = writeln!(
         page,
-        "\nA command for a position takes a division, so the node needs longer than the frame's 1,840 cycles. A bus full of such commands\n\
-         has 8,700 a second; the node loses up to {most:.1} % and reports them (docs/decisions.md)."
+        "\nA command for a position takes a division, so the node needs longer than the frame's \
+         1,840 cycles. A bus full of such commands\nhas 8,700 a second; the node loses up to \
+         {most:.1} % and reports them (docs/decisions.md)."
     );
     let mut foreign = Loaded::new(
         Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }),
@@ -537,21 +543,23 @@ fn main() {
     let foreign = foreign.finish();
     let _ = writeln!(
         page,
-        "\nA bus full of messages for others takes no time of the node, because the filters reject them. The {} frames that the node read in\n\
-         {} ms were the client's. The node sent {} frames, {} NodeStatus among them.",
+        "\nA bus full of messages for others takes no time of the node, because the filters \
+         reject them. The {} frames that the node read in\n{} ms were the client's. The node sent \
+         {} frames, {} NodeStatus among them.",
         foreign.meter.frames, FOREIGN_MS, foreign.own_frames, foreign.own_statuses
     );
     page.push_str(
-        "\n### The minimum\n\n\
-         SCK is at most half of the AVR's clock, so a byte takes at least 16 cycles. The shortest possible time of one status read and one READ\n\
-         RX BUFFER, and the measured time, for ArrayCommand frames back to back:\n\n",
+        "\n### The minimum\n\nSCK is at most half of the AVR's clock, so a byte takes at least 16 \
+         cycles. The shortest possible time of one status read and one READ\nRX BUFFER, and the \
+         measured time, for ArrayCommand frames back to back:\n\n",
     );
     floor(&mut page, &runs);
     page.push_str(
-        "\n### Other firmwares\n\n\
-         Frames of 2 bytes for the node. The firmwares of `third-party/` only receive; ours is the whole node with everything on. Rows\n\
-         in italics are published results of such a measurement, which `make bench` does not repeat. Those of the two crates have another build than\n\
-         ours, which is for size (`opt-level = \"z\"`), like the node's.\n\n",
+        "\n### Other firmwares\n\nFrames of 2 bytes for the node. The firmwares of `third-party/` \
+         only receive; ours is the whole node with everything on. Rows\nin italics are published \
+         results of such a measurement, which `make bench` does not repeat. Those of the two \
+         crates have another build than\nours, which is for size (`opt-level = \"z\"`), like the \
+         node's.\n\n",
     );
     let full = frame_cycles();
     let firmwares = [
@@ -563,16 +571,16 @@ fn main() {
     peers(&mut page, &firmwares);
     page.push_str(
         "\n![Share of the frames over the time in the controller](img/latency.svg)\n\n![Loss over \
-        load](img/loss.svg)\n",
+         load](img/loss.svg)\n",
     );
     page.push_str(
-        "\n## From command to servo\n\nThe time from the end of a command's last frame to the write to \
-        OCR1B, which sets the next pulse. The limit is 500 us.\n\n",
+        "\n## From command to servo\n\nThe time from the end of a command's last frame to the \
+         write to OCR1B, which sets the next pulse. The limit is 500 us.\n\n",
     );
     servo(&mut page, &runs);
     page.push_str(
-        "\n## Turns of the main loop\n\nA turn is the time from one reset of the watchdog to the next, in cycles. \
-        The limit is 250 us, 4000 cycles.\n\n",
+        "\n## Turns of the main loop\n\nA turn is the time from one reset of the watchdog to the \
+         next, in cycles. The limit is 250 us, 4000 cycles.\n\n",
     );
     turns(&mut page);
     page.push_str("\nThe speed of the simulation: [simulation-speed.md](simulation-speed.md).\n");
