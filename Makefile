@@ -1,4 +1,5 @@
-# Everything that a user or CI does here. "make sim" and "make test" are all it takes on a fresh machine.
+# Everything that a user or CI does here. "make sim" and "make test" are all it takes on a fresh
+# machine.
 
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
@@ -9,20 +10,24 @@ TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
 BUILD_STD := -Zbuild-std=core -Zjson-target-spec
 AVR := --profile firmware --target avr-specs/avr-atmega168.json $(BUILD_STD)
 AVR_328P := --profile firmware --target avr-specs/avr-atmega328p.json $(BUILD_STD)
-# The board and the CAN board, entries of avr-specs/boards.toml, and wires of one's own. Empty: the table's default.
+# The board and the CAN board, entries of avr-specs/boards.toml, and wires of one's own. Empty: the
+# table's default.
 BOARD ?=
 SHIELD ?=
 CS ?=
 INT ?=
 CRYSTAL ?=
 WIRING := --board '$(BOARD)' --shield '$(SHIELD)' --cs '$(CS)' --int '$(INT)' --crystal '$(CRYSTAL)'
-# What the firmware has: a preset (default, full, remote, thesis, none), or a list of features with commas. Empty: the preset of the board's chip.
+# What the firmware has: a preset (default, full, remote, thesis, none), or a list of features with
+# commas. Empty: the preset of the board's chip.
 FEATURES ?=
-# Silent: make expands a recipe before it runs it, and the script that builds the firmware prints what is wrong.
+# Silent: make expands a recipe before it runs it, and the script that builds the firmware prints
+# what is wrong.
 ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)' 2>/dev/null)
 GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)' 2>/dev/null)
-# Presets with which the node's library is tested, and tunnel, a feature that is in none of them; and builds that the tests on simulated boards use.
-# "none" is the same program as "default" on this chip, so "make test" links it, and only "make test-all" tests it once more.
+# Presets with which the node's library is tested, and tunnel, a feature that is in none of them;
+# and builds that the tests on simulated boards use. "none" is the same program as "default" on this
+# chip, so "make test" links it, and only "make test-all" tests it once more.
 PRESETS := default full remote thesis tunnel
 SHIPPED := default remote thesis none
 # Boards with the other chip, and test files with all that can differ on them.
@@ -38,8 +43,12 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
-.PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares third-party flash size budget bench lint setup clean
-.PHONY: bounds losses test-bounds test-packages test-library test-host test-bounds test-firmware test-uno test-boards test-clients
+.PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install
+.PHONY: lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants
+.PHONY: elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares
+.PHONY: third-party flash size budget bench lint setup clean
+.PHONY: bounds losses test-bounds test-packages test-library test-host test-bounds test-firmware
+.PHONY: test-uno test-boards test-clients
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
@@ -106,7 +115,8 @@ update-program:
 	@test -e $(PROGRAMS)/node-update || echo "Compiling the program: a minute on two cores the first time"
 	@cargo build --quiet --release -p node-update
 
-# The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been compiled, and cargo would look for newer crates.
+# The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been
+# compiled, and cargo would look for newer crates.
 install: firmware sim-program bridge-program update-program
 	@set -e; for program in sim bridge update; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$program; done
 	@echo "Installed sim, bridge and node-update in $(PREFIX)/bin"
@@ -159,8 +169,9 @@ firmwares:
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
 
-# Firmwares with third-party drivers, which test the model of the MCP2515. Cargo unites features over the packages of one call,
-# so the one that needs another feature of its crate is a call of its own.
+# Firmwares with third-party drivers, which test the model of the MCP2515. Cargo unites features
+# over the packages of one call, so the one that needs another feature of its crate is a call of its
+# own.
 third-party:
 	@scripts/setup build
 	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do \
@@ -174,14 +185,15 @@ test: setup
 	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares third-party $(VENV)/installed $(TOOLS)/bin/ravedude
 	@$(MAKE) --no-print-directory test-packages test-library test-host test-bounds test-firmware test-uno test-clients
 
-# The crates that crates.io gets. Each builds from its package alone, with the packages of the others: in one call, because none has to be there yet.
+# The crates that crates.io gets. Each builds from its package alone, with the packages of the
+# others: in one call, because none has to be there yet.
 PUBLISHED := can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
 test-packages:
 	cargo package --quiet --locked --offline --allow-dirty $(addprefix -p ,$(PUBLISHED))
 
-# A call for each: cargo unites features over the packages and targets of a call. The unit tests need
-# no simulator, so they build in seconds. Below, "bridge" and "rig" are only named so that the crates
-# below the simulator have the same features in all calls: cargo builds the simulator once.
+# A call for each: cargo unites features over the packages and targets of a call. The unit tests
+# need no simulator, so they build in seconds. Below, "bridge" and "rig" are only named so that the
+# crates below the simulator have the same features in all calls: cargo builds the simulator once.
 test-library:
 	@set -e; for features in $(PRESETS); do \
 		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; \
@@ -262,8 +274,9 @@ $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alo
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r tests/clients/requirements-alone.txt
 	touch $@
 
-# "make test" denies warnings in all that it builds: what clippy does not see is what a set with fewer features does not use. Clippy of the host
-# programs checks all their dependencies once more, three minutes from an empty target directory, so "make test-all" does that.
+# "make test" denies warnings in all that it builds: what clippy does not see is what a set with
+# fewer features does not use. Clippy of the host programs checks all their dependencies once more,
+# three minutes from an empty target directory, so "make test-all" does that.
 lint: lint-firmware
 	cargo clippy --workspace --all-targets -- -D warnings
 
@@ -271,6 +284,7 @@ lint-firmware: setup
 	cargo fmt --all --check
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	scripts/drawings --check
+	scripts/lint
 	scripts/wiring-page --check
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p servo-node --bin servo-node -- -D warnings
@@ -288,7 +302,8 @@ deny: $(TOOLS)/bin/cargo-deny
 	$(DENY) --workspace --exclude-dev check -A unused-wrapper bans
 	$(DENY) --manifest-path fuzz/Cargo.toml check -A unused-wrapper licenses sources bans
 
-# Known vulnerabilities of the dependencies. It clones https://github.com/rustsec/advisory-db, so "make test" leaves it out.
+# Known vulnerabilities of the dependencies. It clones https://github.com/rustsec/advisory-db, so
+# "make test" leaves it out.
 advisories: $(TOOLS)/bin/cargo-deny
 	$(DENY) --workspace check advisories
 	$(DENY) --manifest-path fuzz/Cargo.toml check advisories
@@ -304,9 +319,11 @@ losses:
 	@scripts/firmware $(UNO) full
 	$(ON_BOARD) MINUTES='$(MINUTES)' WHY='$(WHY)' ONLY='$(ONLY)' cargo bench --bench loss
 
-# Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which files, and what is left out. It takes hours.
+# Mistakes in the sources that the host's unit tests must notice: .cargo/mutants.toml says in which
+# files, and what is left out. It takes hours.
 mutants: $(TOOLS)/bin/cargo-mutants
-	@# All features, or what is not compiled would survive. Of the node the unit tests only, without the slow ones of a module that is not changed.
+	@# All features, or what is not compiled would survive. Of the node the unit tests only,
+	@# without the slow ones of a module that is not changed.
 	$(MUTANTS) -p servo-node --features full --cargo-arg=--lib --output $(TARGET_DIR)/mutants/node $(ARGS) -- -- --skip monitor::lines::tests
 	$(MUTANTS) -p dronecan-wire -p mcp2515-ordered --all-features --output $(TARGET_DIR)/mutants/crates $(ARGS)
 

@@ -1,7 +1,7 @@
 //! The watchdog's oscillator, and the flag WDIF (datasheet section 11.8).
 //!
-//! simavr's watchdog counts exactly 125 CPU cycles for each cycle of its oscillator. This model takes
-//! the time-outs of [`WatchdogOscillator`].
+//! simavr's watchdog counts exactly 125 CPU cycles for each cycle of its oscillator. This model
+//! takes the time-outs of [`WatchdogOscillator`].
 //!
 //! In simavr a program cannot clear WDIF by writing a one to it. In this model it can.
 
