@@ -8,6 +8,7 @@
 use firmware::hardware::{CAN_SELECT, Pin};
 
 use crate::registers::*;
+use crate::variables::{self, CNF1, CNF2, CNF3, NODE_ID};
 
 /// SPI instructions (table 12-1).
 mod instruction {
@@ -50,7 +51,7 @@ pub const SERVICE: u8 = 1 << 7;
 /// In the third byte of the identifier of a service: the frame belongs to a request.
 pub const REQUEST: u8 = 1 << 7;
 /// The bits of a node ID.
-pub const NODE_ID: u8 = 0x7F;
+pub const NODE_ID_BITS: u8 = 0x7F;
 
 /// The longest wait for a frame to leave, in turns of 6 us: a second. The frame before may have to
 /// win an arbitration first.
@@ -87,9 +88,9 @@ pub fn set_up_spi() {
     SPSR.write(SPI2X);
 }
 
-/// Resets the chip, and puts it on the bus as `node_id`. `cnf` is CNF3, CNF2 and CNF1.
+/// Resets the chip, and puts it on the bus.
 #[inline(always)]
-pub fn configure(node_id: u8, cnf: &[u8; 3]) {
+pub fn configure() {
     begin(instruction::RESET);
     end();
     IS_RXB1_NEXT.write(0);
@@ -102,15 +103,15 @@ pub fn configure(node_id: u8, cnf: &[u8; 3]) {
             break;
         }
     }
-    begin_filters(RXF0SIDH, node_id, 3);
+    begin_filters(RXF0SIDH, NODE_ID.read(), 3);
     end();
-    begin_filters(RXF3SIDH, node_id, 3);
+    begin_filters(RXF3SIDH, NODE_ID.read(), 3);
     end();
     // Behind the masks follows the bit timing.
-    begin_filters(RXM0SIDH, NODE_ID, 2);
-    exchange(cnf[0]);
-    exchange(cnf[1]);
-    exchange(cnf[2]);
+    begin_filters(RXM0SIDH, NODE_ID_BITS, 2);
+    exchange(CNF3.read());
+    exchange(CNF2.read());
+    exchange(CNF1.read());
     end();
     write(RXB0CTRL, BUKT);
     write(CANCTRL, 0);
@@ -145,9 +146,16 @@ pub fn is_on_bus() -> bool {
     mode == 0
 }
 
+/// The data of the last received frame.
+#[inline(always)]
+pub fn data() -> *const u8 {
+    // SAFETY: the pointer is to a variable, so the field is valid.
+    unsafe { (&raw const (*variables::frame()).data).cast() }
+}
+
 /// Reads the oldest frame. Returns false if there is none.
 #[inline(always)]
-pub fn receive(frame: &mut Frame) -> bool {
+pub fn receive() -> bool {
     // If both buffers were full, RXB1 comes next, whatever RXB0 has meanwhile.
     let mut instruction = instruction::READ_RXB1;
     if IS_RXB1_NEXT.read() == 0 {
@@ -162,7 +170,7 @@ pub fn receive(frame: &mut Frame) -> bool {
         IS_RXB1_NEXT.write(0);
     }
     begin(instruction);
-    let mut byte = (&raw mut *frame).cast::<u8>();
+    let mut byte = variables::frame().cast::<u8>();
     let mut left = size_of::<Frame>() as u8;
     loop {
         // SAFETY: the loop writes the bytes of the frame, any value of which is valid.

@@ -16,6 +16,7 @@
 //! | `node_info.rs` | what the node says about itself |
 //! | `transfer.rs` | frames to transfers, transfers to frames |
 //! | `can.rs` | the MCP2515 |
+//! | `variables.rs` | the RAM |
 //! | `spm.rs`, `eeprom.rs`, `clock.rs`, `registers.rs`, `crc.rs` | the chip, and the CRC |
 //!
 //! The code is bent for size, with rustc of rust-toolchain.toml and the options of scripts/boot:
@@ -52,6 +53,8 @@ mod start;
 mod transfer;
 #[cfg(target_arch = "avr")]
 mod update;
+#[cfg(target_arch = "avr")]
+mod variables;
 
 /// Says how to build it: the loader runs on an Arduino and not on the host.
 #[cfg(not(target_arch = "avr"))]

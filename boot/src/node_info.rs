@@ -8,6 +8,7 @@ use firmware::node::bit_rate::HIGHEST_RATE;
 use mcp2515_ordered::BitTiming;
 
 use crate::registers::{Register, idle};
+use crate::variables::{CNF1, CNF2, CNF3, NODE_ID, information};
 use crate::{crc, eeprom};
 
 /// Mode of the node, in its bits of NodeStatus. The health is zero, OK.
@@ -51,54 +52,55 @@ impl Information {
     pub const STATUS_LEN: u8 = 7;
     /// Length of a response of GetNodeInfo without a name.
     pub const LEN: u8 = 41;
+}
 
-    /// Reads the EEPROM, and writes what is not zero and does not change.
-    #[inline(always)]
-    pub fn set_up(&mut self) {
-        let mut to = (&raw mut self.unique_id).cast::<u8>();
+/// Reads the EEPROM, and writes what is not zero and does not change.
+#[inline(always)]
+pub fn set_up() {
+    let information = information();
+    // SAFETY: the pointer is to a variable, so its fields are valid. The fields from the unique ID
+    // on are as long as the image of the EEPROM.
+    unsafe {
+        let mut to = (&raw mut (*information).unique_id).cast::<u8>();
         let mut from = UNIQUE_ID;
         loop {
-            // SAFETY: the fields from the unique ID on are as long as the image of the EEPROM.
-            unsafe {
-                to.write(eeprom::read(from));
-                to = to.add(1);
-            }
+            to.write_volatile(eeprom::read(from));
+            to = to.add(1);
             from += 1;
             if from == BUS + BUS_LEN {
                 break;
             }
         }
-        self.certificate_len = 0;
-        self.hardware_version = [HARDWARE_MAJOR, HARDWARE_MINOR];
-        // SAFETY: the record ends the struct.
-        if unsafe { crc::of(CRC_START, &raw const self.node_id, BUS_LEN.into()) } != 0 {
-            self.node_id = DEFAULT_NODE_ID;
-            self.cnf = [DEFAULT_TIMING.cnf3(), DEFAULT_TIMING.cnf2(), DEFAULT_TIMING.cnf1()];
+        (&raw mut (*information).certificate_len).write(0);
+        (&raw mut (*information).hardware_version).write([HARDWARE_MAJOR, HARDWARE_MINOR]);
+        // The record ends the struct.
+        if crc::of(CRC_START, &raw const (*information).node_id, BUS_LEN.into()) == 0 {
+            return;
         }
     }
+    NODE_ID.write(DEFAULT_NODE_ID);
+    CNF3.write(DEFAULT_TIMING.cnf3());
+    CNF2.write(DEFAULT_TIMING.cnf2());
+    CNF1.write(DEFAULT_TIMING.cnf1());
+}
 
-    /// Brings the NodeStatus up to date. Call it once a second.
-    #[inline(always)]
-    pub fn tick(&mut self) {
-        let mut byte = (&raw mut self.uptime_s).cast::<u8>();
+/// Brings the NodeStatus up to date. Call it once a second. Returns the lowest byte of the uptime.
+#[inline(always)]
+pub fn tick() -> u8 {
+    // SAFETY: the pointer is to a variable, so its fields are valid. The loop ends at the last byte
+    // of the uptime, which does not wrap in 136 years.
+    unsafe {
+        let first = (&raw mut (*information()).uptime_s).cast::<u8>();
+        let mut byte = first;
         loop {
-            // SAFETY: the loop ends at the last byte of the uptime, which does not wrap in 136
-            // years.
-            unsafe {
-                let sum = (*byte).wrapping_add(1);
-                byte.write_volatile(sum);
-                byte = byte.add(1);
-                if sum != 0 {
-                    break;
-                }
+            let sum = byte.read_volatile().wrapping_add(1);
+            byte.write_volatile(sum);
+            byte = byte.add(1);
+            if sum != 0 {
+                break;
             }
         }
-        self.mode = MODE.read();
-    }
-
-    /// The room for the CRC, and the payload behind it.
-    #[inline(always)]
-    pub fn buffer(&mut self) -> *mut u8 {
-        (&raw mut *self).cast()
+        (&raw mut (*information()).mode).write_volatile(MODE.read());
+        first.read_volatile()
     }
 }

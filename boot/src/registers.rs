@@ -57,9 +57,8 @@ pub mod idle {
 
     pub const GPIOR0: Register = Register(0x3E);
     pub const OCR0A: Register = Register(0x47);
-    pub const OCR0B: Register = Register(0x48);
-    /// After the start the loader does not read the EEPROM any more.
-    pub use super::{EEARL, EEDR};
+    /// Whoever reads the EEPROM changes it.
+    pub use super::EEDR;
 
     pub const GPIOR1: Register = Register(0x4A);
     pub const GPIOR2: Register = Register(0x4B);

@@ -8,7 +8,7 @@
 use crate::registers::*;
 use crate::spm::PAGE_LEN;
 use crate::start::{Timeout, set_watchdog};
-use crate::transfer::RECEIVED_LEN;
+use crate::variables::{received, received_byte, received_word};
 use crate::{image, spm};
 
 /// Commands.
@@ -45,69 +45,84 @@ const UBRR: u8 = {
 
 /// Takes commands until the watchdog resets the chip.
 #[inline(always)]
-pub fn serve(buffer: &mut [u8; RECEIVED_LEN]) -> ! {
+pub fn serve() -> ! {
     UBRR0L.write(UBRR);
     UCSR0A.write(U2X0);
     UCSR0B.write(RXEN0 | TXEN0);
     set_watchdog(Timeout::Second);
     let mut address = 0;
     loop {
-        let command = receive();
-        let parameters = match command {
-            command::GET_PARAMETER => 1,
-            command::SET_DEVICE => 20,
-            command::SET_DEVICE_EXT => 5,
-            command::LOAD_ADDRESS => 2,
-            command::UNIVERSAL => 4,
-            // Length, most significant byte first, and type of the memory.
-            command::PROG_PAGE => 3 + PAGE_LEN as u8,
-            command::READ_PAGE => 3,
-            _ => 0,
-        };
-        let mut to = (&raw mut *buffer).cast::<u8>();
-        let mut left = parameters;
-        while left != 0 {
-            // SAFETY: the buffer is longer than the longest parameters.
-            unsafe {
-                to.write_volatile(receive());
-                to = to.add(1);
+        match receive() {
+            // Of the parameters only the versions are asked for.
+            command::GET_PARAMETER => {
+                take_parameters(1);
+                send(VERSION);
             }
-            left -= 1;
-        }
-        if receive() != CRC_EOP {
-            // Out of step: the session ends.
-            #[allow(clippy::empty_loop, reason = "the watchdog ends it")]
-            loop {}
-        }
-        send(INSYNC);
-        if command == command::LOAD_ADDRESS {
-            // The address counts words.
-            address = u16::from_le_bytes([buffer[0], buffer[1]]) << 1;
-        } else if command == command::PROG_PAGE && buffer[2] == FLASH {
-            // SAFETY: the page follows the length and the type.
-            unsafe { spm::write_page(address, (&raw const buffer[3]).cast()) };
-        } else if command == command::READ_PAGE {
-            let mut left = buffer[1];
-            loop {
-                send(image::read_flash(address) as u8);
-                address += 1;
-                left -= 1;
-                if left == 0 {
-                    break;
+            command::UNIVERSAL => {
+                take_parameters(4);
+                send(VERSION);
+            }
+            command::SET_DEVICE => take_parameters(20),
+            command::SET_DEVICE_EXT => take_parameters(5),
+            command::LOAD_ADDRESS => {
+                take_parameters(2);
+                // The address counts words.
+                address = received_word(0) << 1;
+            }
+            command::PROG_PAGE => {
+                // Length, most significant byte first, type of the memory, and the page.
+                take_parameters(3 + PAGE_LEN as u8);
+                if received_byte(2) == FLASH {
+                    // SAFETY: the page follows the length and the type.
+                    unsafe { spm::write_page(address, received().add(3)) };
                 }
             }
-        } else if command == command::READ_SIGN {
-            send(SIGNATURE[0]);
-            send(SIGNATURE[1]);
-            send(SIGNATURE[2]);
-        } else if command == command::GET_PARAMETER || command == command::UNIVERSAL {
-            // Of the parameters only the versions are asked for.
-            send(VERSION);
-        } else if command == command::LEAVE_PROGMODE {
-            set_watchdog(Timeout::Soon);
+            command::READ_PAGE => {
+                take_parameters(3);
+                let mut left = received_byte(1);
+                loop {
+                    send(image::read_flash(address) as u8);
+                    address += 1;
+                    left -= 1;
+                    if left == 0 {
+                        break;
+                    }
+                }
+            }
+            command::READ_SIGN => {
+                take_parameters(0);
+                send(SIGNATURE[0]);
+                send(SIGNATURE[1]);
+                send(SIGNATURE[2]);
+            }
+            command::LEAVE_PROGMODE => {
+                take_parameters(0);
+                set_watchdog(Timeout::Soon);
+            }
+            _ => take_parameters(0),
         }
         send(OK);
     }
+}
+
+/// Receives `left` parameters and the end of the command, and begins the answer.
+#[inline(never)]
+fn take_parameters(mut left: u8) {
+    let mut to = received();
+    while left != 0 {
+        // SAFETY: the buffer is longer than the longest parameters.
+        unsafe {
+            to.write_volatile(receive());
+            to = to.add(1);
+        }
+        left -= 1;
+    }
+    if receive() != CRC_EOP {
+        // Out of step: the session ends.
+        #[allow(clippy::empty_loop, reason = "the watchdog ends it")]
+        loop {}
+    }
+    send(INSYNC);
 }
 
 /// A version of the protocol that avrdude accepts.

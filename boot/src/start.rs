@@ -7,9 +7,9 @@ use core::arch::{asm, global_asm};
 
 use firmware::handover::{CRC_START, REQUEST_LEN};
 
-use crate::loader::{ADDRESS, Loader, restarts};
 use crate::node_info::{MAINTENANCE, MODE};
 use crate::registers::{EXTRF, MCUSR, PORF, WDCE, WDE, WDP2_WDP1, WDRF};
+use crate::variables::{ADDRESS, ADDRESS_IN_Y, REQUEST_END, RESTART_COUNT, request};
 use crate::{crc, image, serial};
 
 /// So many watchdog restarts, with less than a minute of the program between them, keep the loader
@@ -17,7 +17,8 @@ use crate::{crc, image, serial};
 const RESTARTS_ALLOWED: u8 = 3;
 
 // The linker places `.vectors` first, so this is where a reset goes. Interrupts stay disabled, so
-// there are no vectors. The compiler expects zero in r1. SPL is 0x3D, SPH is 0x3E.
+// there are no vectors. The compiler expects zero in r1. SPL is 0x3D, SPH is 0x3E. `variables.rs`
+// has what Y is for.
 global_asm!(
     ".section .vectors,\"ax\",@progbits",
     ".global start",
@@ -27,34 +28,34 @@ global_asm!(
     "    ldi r29, hi8({stack})",
     "    out 0x3E, r29",
     "    out 0x3D, r28",
+    "    subi r28, lo8({stack} - {y})",
+    "    sbci r29, hi8({stack} - {y})",
     "    rjmp main",
     ".text",
     stack = const ADDRESS - 1,
+    y = const ADDRESS_IN_Y,
 );
 
 /// Starts the program if it is to start. Returns true if the program has asked for an update, whose
 /// request is in its place.
 #[inline(always)]
-pub fn decide(loader: &mut Loader) -> bool {
+pub fn decide() -> bool {
     let flags = MCUSR.read();
     // WDRF keeps the watchdog on (datasheet 11.9.2), so it must be cleared first.
     MCUSR.write(0);
     // After a power-on the RAM is random, but other flags than WDRF are set, too.
-    // SAFETY: only this module uses the count.
-    let count = if flags == WDRF { unsafe { *restarts() }.wrapping_add(1) } else { 0 };
+    let count = if flags == WDRF { RESTART_COUNT.read().wrapping_add(1) } else { 0 };
     set_watchdog(Timeout::Never);
-    // SAFETY: as above.
-    unsafe { *restarts() = count };
+    RESTART_COUNT.write(count);
     // A serial port resets the chip by its pin. A power-on may set the same flag, and is to start
     // the program at once.
     if flags & (PORF | EXTRF) == EXTRF {
-        serial::serve(&mut loader.received);
+        serial::serve();
     }
-    let request = &mut loader.update.request;
     // SAFETY: these are the bytes of the request.
-    if unsafe { crc::of(CRC_START, request.as_ptr(), REQUEST_LEN as u16) } == 0 {
+    if unsafe { crc::of(CRC_START, request(), REQUEST_LEN as u16) } == 0 {
         // It counts once.
-        request[REQUEST_LEN - 1] ^= 1;
+        REQUEST_END.write(REQUEST_END.read() ^ 1);
         return true;
     }
     if count < RESTARTS_ALLOWED && image::is_valid() {
@@ -87,8 +88,7 @@ pub enum Timeout {
 #[inline(never)]
 pub fn set_watchdog(timeout: Timeout) {
     // The reset makes this 0.
-    // SAFETY: as in `decide`.
-    unsafe { *restarts() = u8::MAX };
+    RESTART_COUNT.write(u8::MAX);
     // WDE changes only within four cycles after WDCE is set (datasheet 11.8.2).
     // SAFETY: the block writes only WDTCSR, at 0x60.
     unsafe {

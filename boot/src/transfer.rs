@@ -7,9 +7,9 @@ use core::num::NonZeroU16;
 
 use dronecan_wire::Tail;
 
-use crate::can;
-use crate::crc;
 use crate::registers::{Register, idle};
+use crate::variables::{RECEIVED_END, received, received_word};
+use crate::{can, crc};
 
 /// Bytes of a transfer in a frame, before the tail.
 const BYTES_PER_FRAME: u8 = 7;
@@ -93,22 +93,14 @@ pub const RECEIVED_LEN: usize = CRC_LEN as usize + 2 + 256 + BYTES_PER_FRAME as 
 /// if a first frame must come.
 const NEXT: Register = idle::GPIOR1;
 const NOTHING: u8 = 0xFF;
-/// Index in the buffer behind the last byte of this transfer, low and high byte.
-const AT: (Register, Register) = (idle::OCR0B, idle::EEARL);
 
-/// Adds the data of a frame, which has `len` bytes before its tail, to the transfer in `buffer`.
+/// Adds the data of the received frame, which has `len` bytes before its tail, to the transfer.
 /// Returns the length of the payload if it is complete. An empty one is no transfer.
 #[inline(always)]
-pub fn take(
-    buffer: &mut [u8; RECEIVED_LEN],
-    data: &[u8; 8],
-    len: u8,
-    tail: u8,
-    seed: u16,
-) -> Option<NonZeroU16> {
+pub fn take(len: u8, tail: u8, seed: u16) -> Option<NonZeroU16> {
     let is_single = tail >= Tail::START | Tail::END;
     let mut next = NEXT.read();
-    let mut at = u16::from_le_bytes([AT.0.read(), AT.1.read()]);
+    let mut at = RECEIVED_END.read();
     if tail & Tail::START != 0 {
         next = tail & Tail::TRANSFER_ID;
         at = if is_single { CRC_LEN } else { 0 };
@@ -120,8 +112,8 @@ pub fn take(
     }
     NEXT.write(next ^ Tail::TOGGLE);
     let mut left = len;
-    let mut from = data.as_ptr();
-    let mut to = buffer.as_mut_ptr().wrapping_add(at.into());
+    let mut from = can::data();
+    let mut to = received().wrapping_add(at.into());
     while left != 0 {
         // SAFETY: a frame has at most 7 bytes before its tail, and the buffer has room for them
         // behind those of the frames before.
@@ -132,8 +124,7 @@ pub fn take(
         left -= 1;
     }
     at += u16::from(len);
-    AT.0.write(at as u8);
-    AT.1.write((at >> 8) as u8);
+    RECEIVED_END.write(at);
     if tail & Tail::END == 0 {
         return None;
     }
@@ -141,8 +132,8 @@ pub fn take(
     let payload_len = NonZeroU16::new(at - CRC_LEN)?;
     if !is_single {
         // SAFETY: the payload is in the buffer.
-        let crc = unsafe { crc::of(seed, buffer.as_ptr().add(CRC_LEN.into()), payload_len.get()) };
-        if crc != u16::from_le_bytes([buffer[0], buffer[1]]) {
+        let crc = unsafe { crc::of(seed, received().add(CRC_LEN.into()), payload_len.get()) };
+        if crc != received_word(0) {
             return None;
         }
     }

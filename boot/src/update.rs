@@ -12,11 +12,12 @@
 use dronecan_wire::Tail;
 use firmware::handover::{HEADER, HEADER_LENGTH, PATH_LEN, REQUEST_LEN};
 
-use crate::can::NODE_ID;
+use crate::can::NODE_ID_BITS;
 use crate::node_info::{MODE, SOFTWARE_UPDATE};
 use crate::registers::{Register, idle};
 use crate::spm::PAGE_LEN;
-use crate::transfer::{CRC_LEN, RECEIVED_LEN};
+use crate::transfer::CRC_LEN;
+use crate::variables::*;
 use crate::{image, spm, start};
 
 /// Counts the seconds without an answer. A request of file.Read is to be sent when [`RETRY`]
@@ -42,9 +43,9 @@ const ANSWER_LEN: u16 = 2 + 256;
 #[repr(C)]
 pub struct Update {
     /// Length of the program. Set with the first answer.
-    length: u16,
-    crc: [u8; 2],
-    offset: [u8; 5],
+    pub length: u16,
+    pub crc: [u8; 2],
+    pub offset: [u8; 5],
     /// What a program hands over: path, length of the path, node ID of the server, CRC (see
     /// [`firmware::handover`]).
     pub request: [u8; REQUEST_LEN],
@@ -99,101 +100,85 @@ pub fn is_answer(tail: u8) -> bool {
     tail & Tail::TRANSFER_ID == TRANSFER_ID.read()
 }
 
-impl Update {
-    /// Length of the payload of file.Read: offset and path.
-    #[inline(always)]
-    pub fn len(&self) -> u8 {
-        5 + self.request[PATH_LEN]
-    }
+/// Length of the payload of file.Read: offset and path.
+#[inline(always)]
+pub fn request_len() -> u8 {
+    5 + REQUEST_PATH_LEN.read()
+}
 
-    /// The node that has the file. While the loader waits for a request of BeginFirmwareUpdate: its
-    /// sender.
-    #[inline(always)]
-    pub fn server(&mut self) -> &mut u8 {
-        &mut self.request[PATH_LEN + 1]
+/// Takes server and path from the received request of BeginFirmwareUpdate. Returns false if the
+/// path is too long.
+#[inline(always)]
+pub fn take_request(len: u16) -> bool {
+    if len > PATH_LEN as u16 + 1 {
+        return false;
     }
-
-    /// The request of file.Read: room for the CRC, and the payload behind it.
-    #[inline(always)]
-    pub fn buffer(&mut self) -> *mut u8 {
-        (&raw mut self.crc).cast()
+    REQUEST_PATH_LEN.write(len as u8 - 1);
+    let server = received_byte(PAYLOAD) & NODE_ID_BITS;
+    // A request without a server means its sender.
+    if server != 0 {
+        SERVER.write(server);
     }
-
-    /// Takes server and path from a request of BeginFirmwareUpdate. Returns false if the path is
-    /// too long.
-    #[inline(always)]
-    pub fn take_request(&mut self, received: &[u8; RECEIVED_LEN], len: u16) -> bool {
-        if len > PATH_LEN as u16 + 1 {
-            return false;
+    let mut to = request();
+    let mut from = received().wrapping_add(PAYLOAD + 1);
+    let mut left = PATH_LEN as u8;
+    loop {
+        // SAFETY: the loop reads and writes the bytes of a path of the greatest length, which
+        // both have.
+        unsafe {
+            to.write_volatile(*from);
+            (to, from) = (to.add(1), from.add(1));
         }
-        self.request[PATH_LEN] = len as u8 - 1;
-        let server = received[PAYLOAD] & NODE_ID;
-        // A request without a server means its sender.
-        if server != 0 {
-            *self.server() = server;
-        }
-        let mut to = (&raw mut self.request).cast::<u8>();
-        let mut from = (&raw const received[PAYLOAD + 1]).cast::<u8>();
-        let mut left = PATH_LEN as u8;
-        loop {
-            // SAFETY: the loop reads and writes the bytes of a path of the greatest length, which
-            // both have.
-            unsafe {
-                to.write_volatile(*from);
-                (to, from) = (to.add(1), from.add(1));
-            }
-            left -= 1;
-            if left == 0 {
-                return true;
-            }
+        left -= 1;
+        if left == 0 {
+            return true;
         }
     }
+}
 
-    /// Takes an answer, whose payload has `len` bytes: writes its two pages. Restarts the chip if
-    /// that were the last ones, or if the file is not a program for this board.
-    #[inline(always)]
-    pub fn take_answer(&mut self, received: &[u8; RECEIVED_LEN], len: u16) {
-        SILENCE.write(0);
-        if !self.write(received, len) {
-            start::restart_soon();
-        }
+/// Takes the received answer, whose payload has `len` bytes: writes its two pages. Restarts the
+/// chip if that were the last ones, or if the file is not a program for this board.
+#[inline(always)]
+pub fn take_answer(len: u16) {
+    SILENCE.write(0);
+    if !write(len) {
+        start::restart_soon();
     }
+}
 
-    /// Writes the two pages in an answer. Returns true if there is more to read.
-    #[inline(always)]
-    fn write(&mut self, received: &[u8; RECEIVED_LEN], len: u16) -> bool {
-        let data: *const u8 = &raw const received[DATA];
-        let word = |at: usize| u16::from_le_bytes([received[at], received[at + 1]]);
-        let offset = u16::from_le_bytes([self.offset[0], self.offset[1]]);
-        if offset != 0 {
-            // SAFETY: the data are in the buffer.
-            unsafe { spm::write_page(offset, data) };
-        } else {
-            let length = word(DATA + HEADER as usize + HEADER_LENGTH);
-            let is_for_this_board = word(DATA + HEADER as usize) == image::THIS_BOARD;
-            // An answer with an error has no data.
-            if len < ANSWER_LEN || !is_for_this_board || !image::is_checkable(length) {
-                return false;
-            }
-            if self.length != 0 {
-                // All other pages are written.
-                // SAFETY: the data are in the buffer.
-                unsafe { spm::write_page(0, data) };
-                return false;
-            }
-            self.length = length;
-            spm::erase_page(0);
-        }
+/// Writes the two pages in an answer. Returns true if there is more to read.
+#[inline(always)]
+fn write(len: u16) -> bool {
+    let data: *const u8 = received().wrapping_add(DATA);
+    let offset = OFFSET.read();
+    if offset != 0 {
         // SAFETY: the data are in the buffer.
-        unsafe { spm::write_page(offset + PAGE_LEN, data.add(PAGE_LEN.into())) };
-        let mut next = offset + 2 * PAGE_LEN;
-        if next >= self.length {
-            next = 0;
-        } else if len < ANSWER_LEN {
-            // The file is shorter than its header says.
+        unsafe { spm::write_page(offset, data) };
+    } else {
+        let length = received_word(DATA + HEADER as usize + HEADER_LENGTH);
+        let is_for_this_board = received_word(DATA + HEADER as usize) == image::THIS_BOARD;
+        // An answer with an error has no data.
+        if len < ANSWER_LEN || !is_for_this_board || !image::is_checkable(length) {
             return false;
         }
-        [self.offset[0], self.offset[1]] = next.to_le_bytes();
-        true
+        if PROGRAM_LEN.read() != 0 {
+            // All other pages are written.
+            // SAFETY: the data are in the buffer.
+            unsafe { spm::write_page(0, data) };
+            return false;
+        }
+        PROGRAM_LEN.write(length);
+        spm::erase_first_page();
     }
+    // SAFETY: the data are in the buffer.
+    unsafe { spm::write_page(offset + PAGE_LEN, data.add(PAGE_LEN.into())) };
+    let mut next = offset + 2 * PAGE_LEN;
+    if next >= PROGRAM_LEN.read() {
+        next = 0;
+    } else if len < ANSWER_LEN {
+        // The file is shorter than its header says.
+        return false;
+    }
+    OFFSET.write(next);
+    true
 }
