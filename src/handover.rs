@@ -4,6 +4,7 @@
 //! | where | what |
 //! | --- | --- |
 //! | flash, [`HEADER`] | header of the program: its board, version and length |
+//! | flash, [`SOFTWARE_VERSION`] | its version for GetNodeInfo, and the application descriptor |
 //! | EEPROM, [`BUS`] | node ID and bit rate, for a loader that starts without a program |
 //! | last bytes of the RAM, from [`REQUEST`] on | the update that the program asks for, and the count of watchdog restarts |
 //!
@@ -25,6 +26,24 @@ pub const HEADER_LENGTH: usize = 4;
 /// The length of a program without a CRC, which was uploaded through the serial port or by a
 /// programmer. The loader starts it unchecked.
 pub const UNCHECKED: u16 = 0;
+
+/// Byte address of the software version of the program, as in the response of GetNodeInfo: major,
+/// minor, flags, commit.
+pub const SOFTWARE_VERSION: u16 = 0x71;
+/// Length of the software version.
+pub const SOFTWARE_VERSION_LEN: usize = 7;
+/// Byte address of the application descriptor, by which file servers know an image: a multiple of 8.
+pub const DESCRIPTOR: u16 = SOFTWARE_VERSION + SOFTWARE_VERSION_LEN as u16;
+/// Length of the descriptor: signature (8 bytes), CRC of the image (8), length of the image (4),
+/// commit (4), major and minor version, ID of the board (2), reserved (8). Little-endian.
+pub const DESCRIPTOR_LEN: usize = 36;
+/// Offset in the descriptor of the CRC of the image, which GetNodeInfo tells. It is zero in a program
+/// that was uploaded through the serial port or by a programmer.
+pub const IMAGE_CRC: usize = 8;
+/// Length of the CRC of the image.
+pub const IMAGE_CRC_LEN: usize = 8;
+
+const _: () = assert!(DESCRIPTOR.is_multiple_of(8));
 
 /// Address in EEPROM of the record of the bus: node ID; CNF3, CNF2 and CNF1 of the MCP2515 (the bit
 /// rate); CRC.

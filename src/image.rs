@@ -14,20 +14,21 @@ pub trait Table {
     const BEGIN: u16;
 }
 
-impl Table for Texts {
+impl Table for Information {
+    // At the begin, because the bootloader reads it from there, too (see `crate::handover`).
     const BEGIN: u16 = 0;
+}
+
+impl Table for Texts {
+    const BEGIN: u16 = Information::BEGIN + information::PACKED.len() as u16;
 }
 
 impl Table for Descriptions {
     const BEGIN: u16 = Texts::BEGIN + TEXTS.len() as u16;
 }
 
-impl Table for Information {
-    const BEGIN: u16 = Descriptions::BEGIN + parameters::PACKED.len() as u16;
-}
-
 impl Table for Filters {
-    const BEGIN: u16 = Information::BEGIN + information::PACKED.len() as u16;
+    const BEGIN: u16 = Descriptions::BEGIN + parameters::PACKED.len() as u16;
 }
 
 impl<P: Progmem<Texts> + Progmem<Descriptions>> TextsAndNames for P {
@@ -39,7 +40,7 @@ const LEN: usize = Filters::BEGIN as usize + acceptance::PACKED.len();
 /// All tables, one after the other.
 pub const IMAGE: [u8; LEN] = {
     let mut image = [0; LEN];
-    let parts: [&[u8]; 4] = [TEXTS, &parameters::PACKED, &information::PACKED, &acceptance::PACKED];
+    let parts: [&[u8]; 4] = [&information::PACKED, TEXTS, &parameters::PACKED, &acceptance::PACKED];
     let (mut at, mut part) = (0, 0);
     while part < parts.len() {
         let mut n = 0;

@@ -20,6 +20,7 @@ fn a_board_without_a_program_waits_in_the_bootloader_and_answers_get_node_info()
     assert_eq!(info[22..24], file()[HEADER..HEADER + 2], "the hardware version of the board");
     assert_eq!(info[24..40], [0xFF; 16], "the unique ID that the program has not made yet");
     assert_eq!(info[40], 0, "no certificate");
+    assert_eq!(info[7..22], [0; 15], "nothing of a program");
 }
 
 #[test]
@@ -250,7 +251,8 @@ fn the_bootloader_restarts_for_the_magic_number_only() {
         assert_eq!(bench.call(RESTART_NODE, &wrong), [0], "{wrong:02X?}");
     }
     assert_eq!(bench.call(RESTART_NODE, &MAGIC), [0x80]);
-    bench.run_ms(1100);
+    // It restarts a second later, and sends a second after that.
+    bench.run_ms(2400);
     let uptime = |status: &[u8]| u32::from_le_bytes(status[..4].try_into().unwrap());
     assert_eq!(uptime(bench.statuses().last().expect("a status").1), 1, "the uptime begins anew");
 }
@@ -324,7 +326,7 @@ fn a_program_that_hangs_repeatedly_starts_the_bootloader() {
     bench.wait_for_program(1500);
     // WDR is 0x95A8; the last one of the program is in the main loop. RJMP to itself is 0xCFFF.
     let program = bench.flash(file().len());
-    let wdr = (0x68..program.len())
+    let wdr = (0x68..program.len() - 1)
         .step_by(2)
         .rfind(|&at| program[at..at + 2] == [0xA8, 0x95])
         .expect("a main loop");
@@ -332,63 +334,6 @@ fn a_program_that_hangs_repeatedly_starts_the_bootloader() {
     bench.run_ms(2000);
     assert_eq!(bench.next_mode(), MAINTENANCE);
     assert_eq!(bench.begin_update("fw.bin"), OK);
-    bench.wait_for_program(10_000);
-}
-
-/// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name
-/// and hardware version fit its file, or whose name is empty. After an OK it does not send it
-/// again, but continues to send GetNodeInfo to nodes that restart.
-#[test]
-fn an_update_by_mission_planner_succeeds() {
-    let mut bench = UpdateBench::with_program();
-    bench.wait_for_program(1500);
-    let info = bench.call(GET_NODE_INFO, &[]);
-    let (hardware, name) = (info[22..24].to_vec(), info[41..].to_vec());
-    assert_eq!(hardware, file()[HEADER..HEADER + 2]);
-    assert!(name.starts_with(b"org.dronecan.servo"), "{name:?}");
-    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &[&[SERVER], &b"fw.bin"[..]].concat())[0], OK);
-    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
-    for _ in 0..2 {
-        let info = bench.call(GET_NODE_INFO, &[]);
-        assert_eq!(
-            (&info[22..24], &info[41..]),
-            (&hardware[..], &b""[..]),
-            "the bootloader must report the same hardware, and no name"
-        );
-        bench.run_ms(200);
-    }
-    bench.wait_for_program(10_000);
-    assert_eq!(bench.call(GET_NODE_INFO, &[])[41..], name);
-}
-
-/// PX4 takes the bootloader for a node that has restarted: it sends GetNodeInfo, and
-/// BeginFirmwareUpdate again. Its files are named after the board.
-#[test]
-fn an_update_by_px4_succeeds() {
-    let mut bench = UpdateBench::with_program();
-    bench.server.files.insert("256.bin".to_owned(), file());
-    bench.wait_for_program(1500);
-    bench.call(GET_NODE_INFO, &[]);
-    let request = [&[SERVER], &b"256.bin"[..]].concat();
-    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], OK);
-    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
-    bench.call(GET_NODE_INFO, &[]);
-    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], IN_PROGRESS);
-    bench.wait_for_program(10_000);
-    // PX4 sees in the GetNodeInfo response of the new program that the update is done.
-    assert_eq!(bench.call(GET_NODE_INFO, &[])[7..9], file()[HEADER + 2..HEADER + 4]);
-}
-
-/// The DroneCAN GUI Tool sends up to four requests, 2 s apart, with a path of 7 characters, until
-/// the node's mode is SOFTWARE_UPDATE.
-#[test]
-fn an_update_by_the_gui_tool_needs_one_request() {
-    let mut bench = UpdateBench::with_program();
-    bench.server.files.insert("NjY2Njk".to_owned(), file());
-    bench.wait_for_program(1500);
-    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &[&[SERVER], &b"NjY2Njk"[..]].concat())[0], OK);
-    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
-    assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
     bench.wait_for_program(10_000);
 }
 

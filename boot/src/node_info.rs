@@ -2,7 +2,11 @@
 //! the same bytes (DSDL 341.NodeStatus and 1.GetNodeInfo). So both are sent from the same buffer.
 //! The name is empty, which all clients accept.
 
-use firmware::handover::{BUS, BUS_LEN, CRC_START};
+use core::arch::asm;
+
+use firmware::handover::{
+    BUS, BUS_LEN, CRC_START, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION, SOFTWARE_VERSION_LEN,
+};
 use firmware::hardware::{CAN_CRYSTAL_HZ, HARDWARE_MAJOR, HARDWARE_MINOR};
 use firmware::node::bit_rate::HIGHEST_RATE;
 use mcp2515_ordered::BitTiming;
@@ -26,6 +30,9 @@ const DEFAULT_NODE_ID: u8 = 120;
 /// Bit rate without a record in EEPROM: the highest one of the board.
 const DEFAULT_TIMING: BitTiming = BitTiming::new(CAN_CRYSTAL_HZ, 125_000 << HIGHEST_RATE);
 
+/// Length of version and CRC of the program.
+const SOFTWARE_LEN: usize = SOFTWARE_VERSION_LEN + IMAGE_CRC_LEN;
+
 /// Room for the CRC, the payload of GetNodeInfo, and what follows in the EEPROM.
 #[repr(C)]
 pub struct Information {
@@ -33,8 +40,8 @@ pub struct Information {
     pub uptime_s: [u8; 4],
     mode: u8,
     vendor_status: [u8; 2],
-    /// Nothing is known of the program.
-    software_version: [u8; 15],
+    /// Version and CRC of the program. Zero if there is no valid one.
+    software: [u8; SOFTWARE_LEN],
     hardware_version: [u8; 2],
     /// Here the image of the EEPROM begins.
     unique_id: [u8; 16],
@@ -52,6 +59,30 @@ impl Information {
     pub const STATUS_LEN: u8 = 7;
     /// Length of a response of GetNodeInfo without a name.
     pub const LEN: u8 = 41;
+}
+
+/// Tells the version of the program in flash, and the CRC of its image.
+#[inline(always)]
+pub fn take_version() {
+    // SAFETY: the pointer is to a variable, so the field is valid. The block only reads flash, and
+    // writes the bytes of the field.
+    unsafe {
+        let to = &raw mut (*information()).software;
+        asm!(
+            "2: lpm {byte}, Z+",
+            "st X+, {byte}",
+            "dec {left}",
+            "cpi {left}, {crc_len}",
+            "brne 3f",
+            // Behind the version, which the descriptor follows.
+            "adiw r30, {before_crc}",
+            "3: cpi {left}, 0",
+            "brne 2b",
+            byte = out(reg) _, left = inout(reg_upper) SOFTWARE_LEN as u8 => _,
+            inout("Z") SOFTWARE_VERSION => _, inout("X") to => _,
+            crc_len = const IMAGE_CRC_LEN, before_crc = const IMAGE_CRC, options(nostack)
+        );
+    }
 }
 
 /// Reads the EEPROM, and writes what is not zero and does not change.

@@ -7,7 +7,7 @@ use core::arch::{asm, global_asm};
 
 use firmware::handover::{CRC_START, REQUEST_LEN};
 
-use crate::node_info::{MAINTENANCE, MODE};
+use crate::node_info::{self, MAINTENANCE, MODE};
 use crate::registers::{EXTRF, MCUSR, PORF, WDCE, WDE, WDP2_WDP1, WDRF};
 use crate::variables::{ADDRESS, ADDRESS_IN_Y, REQUEST_END, RESTART_COUNT, request};
 use crate::{crc, image, serial};
@@ -52,13 +52,19 @@ pub fn decide() -> bool {
     if flags & (PORF | EXTRF) == EXTRF {
         serial::serve();
     }
+    if image::is_valid() {
+        node_info::take_version();
+    } else {
+        // So that it does not start.
+        RESTART_COUNT.write(RESTARTS_ALLOWED);
+    }
     // SAFETY: these are the bytes of the request.
     if unsafe { crc::of(CRC_START, request(), REQUEST_LEN as u16) } == 0 {
         // It counts once.
         REQUEST_END.write(REQUEST_END.read() ^ 1);
         return true;
     }
-    if count < RESTARTS_ALLOWED && image::is_valid() {
+    if RESTART_COUNT.read() < RESTARTS_ALLOWED {
         // SAFETY: the program is complete and for this board. It does not return, and sets up stack
         // and variables itself.
         unsafe { asm!("jmp 0", options(noreturn)) }

@@ -275,7 +275,7 @@ impl Payload {
                     }
                     skipped += 16;
                 }
-                flash.information(at - skipped)
+                flash.information(information::index_of(at - skipped))
             }
             #[cfg(feature = "standard")]
             Form::Parameter => {

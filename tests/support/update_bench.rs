@@ -10,7 +10,7 @@ use std::rc::Rc;
 
 use bench::avr::{Avr, Chip, Firmware, ResetCause};
 use bench::board::Board;
-use bench::can::{Frame, Id, SoftNode};
+use bench::can::{Event, Frame, Id, SoftNode};
 use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
 use bench::wiring::Wiring;
 use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start, firmware, node_elf};
@@ -78,6 +78,18 @@ pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
     file
 }
 
+/// An EEPROM with node ID 42 and 125 kbit/s for the bootloader.
+pub fn eeprom_with_bus_record() -> [u8; 0x20] {
+    let mut eeprom = [0xFF; 0x20];
+    // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at
+    // 87.5 %.
+    let brp = if board().crystal_hz() == 16_000_000 { 3 } else { 1 };
+    let record = [42, 0x01, 0xBC, brp];
+    eeprom[BUS..BUS + 4].copy_from_slice(&record);
+    eeprom[BUS + 4..BUS + 6].copy_from_slice(&crc(&record).to_be_bytes());
+    eeprom
+}
+
 /// A file server: answers file.Read.
 #[derive(Default)]
 pub struct Server {
@@ -115,6 +127,23 @@ impl Server {
     }
 }
 
+/// Layout of a bench.
+pub struct Options<'a> {
+    /// Pieces of flash: address and bytes.
+    pub flash: &'a [(usize, Vec<u8>)],
+    pub eeprom: &'a [u8],
+    pub bit_rate: u32,
+    /// The server sends NodeStatus each second, from the start on.
+    pub server_sends_status: bool,
+}
+
+impl Default for Options<'_> {
+    fn default() -> Self {
+        let bit_rate = board().fastest_bit_rate();
+        Options { flash: &[], eeprom: &[], bit_rate, server_sends_status: true }
+    }
+}
+
 pub struct UpdateBench {
     pub bench: Bench,
     peer: Rc<RefCell<SoftNode>>,
@@ -127,6 +156,9 @@ pub struct UpdateBench {
     /// Share of the bus that other nodes' messages take, in percent.
     pub fill_bus_percent: u64,
     other: Rc<RefCell<SoftNode>>,
+    /// Time of the server's next NodeStatus.
+    status_at: u64,
+    status_transfer_id: TransferId,
 }
 
 impl UpdateBench {
@@ -146,6 +178,12 @@ impl UpdateBench {
     /// A board with the bootloader, these pieces of flash (address, bytes), and this EEPROM, on a
     /// bus of this bit rate.
     pub fn with(flash: &[(usize, Vec<u8>)], eeprom: &[u8], bit_rate: u32) -> UpdateBench {
+        UpdateBench::with_options(Options { flash, eeprom, bit_rate, ..Options::default() })
+    }
+
+    /// A board with the bootloader, powered up now.
+    pub fn with_options(options: Options) -> UpdateBench {
+        let Options { flash, eeprom, bit_rate, server_sends_status } = options;
         let loader = bootloader(&board())
             .and_then(|hex| Firmware::read_hex(&hex))
             .unwrap_or_else(|error| panic!("{error:#}"));
@@ -179,6 +217,8 @@ impl UpdateBench {
             node: NODE,
             fill_bus_percent: 0,
             other,
+            status_at: if server_sends_status { 10 * MS } else { u64::MAX },
+            status_transfer_id: TransferId::default(),
         };
         // Waits until the bootloader is on the bus.
         bench.run_ms(20);
@@ -187,14 +227,7 @@ impl UpdateBench {
 
     /// A board with the bootloader, whose EEPROM has node ID 42 and 125 kbit/s.
     pub fn with_bus_record() -> UpdateBench {
-        let mut eeprom = [0xFF; 0x20];
-        // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at
-        // 87.5 %.
-        let brp = if board().crystal_hz() == 16_000_000 { 3 } else { 1 };
-        let record = [42, 0x01, 0xBC, brp];
-        eeprom[BUS..BUS + 4].copy_from_slice(&record);
-        eeprom[BUS + 4..BUS + 6].copy_from_slice(&crc(&record).to_be_bytes());
-        let mut bench = UpdateBench::with(&[], &eeprom, 125_000);
+        let mut bench = UpdateBench::with(&[], &eeprom_with_bus_record(), 125_000);
         bench.node = 42;
         bench
     }
@@ -249,6 +282,12 @@ impl UpdateBench {
             self.other
                 .borrow_mut()
                 .send_at(due, Frame::extended(0x1003_F332, &[0x55, 2, 3, 4, 5, 6, 7, 0xC1]));
+        }
+        if self.bench.now() >= self.status_at {
+            self.status_at += 1000 * MS;
+            let tail = 0xC0 | self.status_transfer_id.advance().get();
+            let id = 0x1801_5500 | u32::from(SERVER);
+            self.peer.borrow_mut().send(Frame::extended(id, &[0, 0, 0, 0, 0, 0, 0, tail]));
         }
         self.bench.run_until(self.bench.now() + MS / 10);
         let received = self.peer.borrow_mut().take_received();
@@ -406,6 +445,12 @@ impl UpdateBench {
         self.peer.borrow_mut().clear_queue();
         self.bench.run_for_ms(20);
         self.peer.borrow_mut().take_received();
+    }
+
+    /// Number of errors that the server has seen on the bus.
+    pub fn errors(&mut self) -> usize {
+        let events = self.peer.borrow_mut().take_events();
+        events.iter().filter(|(_, event)| matches!(event, Event::Error { .. })).count()
     }
 
     /// The first `len` bytes of the flash.

@@ -1,0 +1,200 @@
+//! Firmware updates as the clients do them: what each sends, and by which rules it decides.
+
+#[path = "support/update_bench.rs"]
+mod update_bench;
+
+use update_bench::*;
+
+/// Errors in the response of BeginFirmwareUpdate.
+const OK: u8 = 0;
+const IN_PROGRESS: u8 = 2;
+
+/// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name
+/// and hardware version fit its file, or whose name is empty. After an OK it does not send it
+/// again, but continues to send GetNodeInfo to nodes that restart.
+#[test]
+fn an_update_by_mission_planner_succeeds() {
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(1500);
+    let info = bench.call(GET_NODE_INFO, &[]);
+    let (hardware, name) = (info[22..24].to_vec(), info[41..].to_vec());
+    assert_eq!(hardware, file()[HEADER..HEADER + 2]);
+    assert!(name.starts_with(b"org.dronecan.servo"), "{name:?}");
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &[&[SERVER], &b"fw.bin"[..]].concat())[0], OK);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+    for _ in 0..2 {
+        let info = bench.call(GET_NODE_INFO, &[]);
+        assert_eq!(
+            (&info[22..24], &info[41..]),
+            (&hardware[..], &b""[..]),
+            "the bootloader must report the same hardware, and no name"
+        );
+        bench.run_ms(200);
+    }
+    bench.wait_for_program(10_000);
+    assert_eq!(bench.call(GET_NODE_INFO, &[])[41..], name);
+}
+
+/// PX4 takes the bootloader for a node that has restarted: it sends GetNodeInfo, and
+/// BeginFirmwareUpdate again. Its files are named after the board.
+#[test]
+fn an_update_by_px4_succeeds() {
+    let mut bench = UpdateBench::with_program();
+    bench.server.files.insert("256.bin".to_owned(), file());
+    bench.wait_for_program(1500);
+    bench.call(GET_NODE_INFO, &[]);
+    let request = [&[SERVER], &b"256.bin"[..]].concat();
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], OK);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+    bench.call(GET_NODE_INFO, &[]);
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &request)[0], IN_PROGRESS);
+    bench.wait_for_program(10_000);
+    // PX4 sees in the GetNodeInfo response of the new program that the update is done.
+    assert_eq!(bench.call(GET_NODE_INFO, &[])[7..9], file()[HEADER + 2..HEADER + 4]);
+}
+
+/// The DroneCAN GUI Tool sends up to four requests, 2 s apart, with a path of 7 characters, until
+/// the node's mode is SOFTWARE_UPDATE.
+#[test]
+fn an_update_by_the_gui_tool_needs_one_request() {
+    let mut bench = UpdateBench::with_program();
+    bench.server.files.insert("NjY2Njk".to_owned(), file());
+    bench.wait_for_program(1500);
+    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &[&[SERVER], &b"NjY2Njk"[..]].concat())[0], OK);
+    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
+    assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
+    bench.wait_for_program(10_000);
+}
+
+/// What a file server reads of an application descriptor.
+#[derive(Debug, PartialEq)]
+struct Descriptor {
+    image_crc: u64,
+    image_size: u32,
+    version: [u8; 2],
+    board_id: u16,
+}
+
+/// Finds the descriptor as PX4 does: reads blocks of 512 bytes, and looks for the signature at
+/// multiples of 8. The whole descriptor must be in the block.
+fn find_descriptor(file: &[u8]) -> Option<Descriptor> {
+    const SIGNATURE: [u8; 8] = [0x40, 0xA2, 0xE4, 0xF1, 0x64, 0x68, 0x91, 0x06];
+    let mut blocks = file[..1024].chunks(512);
+    blocks.find_map(|block| {
+        let at = (0..=512 - 36).step_by(8).find(|&at| block[at..at + 8] == SIGNATURE)?;
+        let bytes = &block[at..at + 36];
+        Some(Descriptor {
+            image_crc: u64::from_le_bytes(bytes[8..16].try_into().unwrap()),
+            image_size: u32::from_le_bytes(bytes[16..20].try_into().unwrap()),
+            version: bytes[24..26].try_into().unwrap(),
+            board_id: u16::from_le_bytes(bytes[26..28].try_into().unwrap()),
+        })
+    })
+}
+
+/// True if PX4 offers the file with this descriptor to a node with this response of GetNodeInfo.
+fn is_offered(descriptor: &Descriptor, info: &[u8]) -> bool {
+    let image_crc = image_crc(info);
+    image_crc == 0 || info[7..9] == [0, 0] || image_crc != descriptor.image_crc
+}
+
+/// The CRC of the image in a response of GetNodeInfo.
+fn image_crc(info: &[u8]) -> u64 {
+    u64::from_le_bytes(info[14..22].try_into().unwrap())
+}
+
+/// Name of the file on PX4's card: the ID of the board in decimal.
+fn name_of_file(info: &[u8]) -> String {
+    format!("{}.bin", u16::from_be_bytes(info[22..24].try_into().unwrap()))
+}
+
+/// Sends the file as PX4 does, and waits until it runs.
+fn update_by_px4(bench: &mut UpdateBench, file: &[u8]) {
+    let info = bench.call(GET_NODE_INFO, &[]);
+    let name = name_of_file(&info);
+    bench.server.files.insert(name.clone(), file.to_vec());
+    assert_eq!(bench.begin_update(&name), OK);
+    bench.run_ms(500);
+    bench.wait_for_program(10_000);
+}
+
+/// ArduPilot's CRC-32: it begins with 0 and inverts nothing.
+fn crc32(bytes: &[u8]) -> u32 {
+    bytes.iter().fold(0, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| {
+            crc >> 1 ^ if crc & 1 != 0 { 0xEDB8_8320 } else { 0 }
+        })
+    })
+}
+
+#[test]
+fn the_file_has_a_descriptor_that_is_true() {
+    let file = file();
+    let descriptor = find_descriptor(&file).expect("a descriptor in the first KiB");
+    let [major, minor] = [file[HEADER], file[HEADER + 1]];
+    // The CRCs are of what is before them, and of what begins with the version.
+    let at = file.windows(8).position(|bytes| bytes == descriptor.image_crc.to_le_bytes()).unwrap();
+    let (first, second) = (crc32(&file[..at]), crc32(&file[at + 16..]));
+    let expected = Descriptor {
+        image_crc: u64::from(second) << 32 | u64::from(first),
+        image_size: file.len() as u32,
+        version: file[HEADER + 2..HEADER + 4].try_into().unwrap(),
+        board_id: u16::from_be_bytes([major, minor]),
+    };
+    assert_eq!(descriptor, expected);
+    assert_eq!(crc(&file), 0, "the bootloader's own check");
+}
+
+#[test]
+fn px4_offers_a_file_once_and_a_different_one_once() {
+    let first = file();
+    let mut second = first.clone();
+    // Another image: its CRC is in the descriptor at 0x78.
+    second[0x80] ^= 1;
+    let second = with_crc(second);
+    let descriptors = [&first, &second].map(|file| find_descriptor(file).unwrap());
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(1500);
+    let info = bench.call(GET_NODE_INFO, &[]);
+    assert_eq!(image_crc(&info), 0, "the program that a programmer wrote has none");
+    assert!(is_offered(&descriptors[0], &info));
+    update_by_px4(&mut bench, &first);
+    for start in 0..100 {
+        bench.cut_power();
+        bench.wait_for_program(1500);
+        let info = bench.call(GET_NODE_INFO, &[]);
+        assert!(!is_offered(&descriptors[0], &info), "start {start}: {info:02X?}");
+        assert_eq!(info[9] & 2, 2, "the flag of the CRC");
+        assert!(is_offered(&descriptors[1], &info));
+    }
+    update_by_px4(&mut bench, &second);
+    let info = bench.call(GET_NODE_INFO, &[]);
+    assert!(!is_offered(&descriptors[1], &info) && is_offered(&descriptors[0], &info));
+}
+
+#[test]
+fn program_and_bootloader_tell_the_same_version_and_crc() {
+    let mut bench = UpdateBench::empty();
+    bench.begin_update("fw.bin");
+    bench.wait_for_program(10_000);
+    let program = bench.call(GET_NODE_INFO, &[]);
+    assert_ne!(image_crc(&program), 0);
+    bench.wait_in_the_bootloader();
+    assert_eq!(bench.call(GET_NODE_INFO, &[])[7..24], program[7..24]);
+}
+
+/// A file that was changed on its way has the CRC of the right one in its descriptor.
+#[test]
+fn after_a_changed_file_the_right_one_is_offered() {
+    let right = file();
+    let mut changed = right.clone();
+    changed[1000] ^= 1;
+    let mut bench = UpdateBench::empty();
+    bench.server.files.insert("changed".to_owned(), changed);
+    bench.begin_update("changed");
+    bench.run_ms(5000);
+    assert_eq!(bench.next_mode(), MAINTENANCE);
+    let info = bench.call(GET_NODE_INFO, &[]);
+    assert!(is_offered(&find_descriptor(&right).unwrap(), &info));
+    update_by_px4(&mut bench, &right);
+}
