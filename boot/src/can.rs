@@ -36,15 +36,27 @@ mod status {
 const RXF0SIDH: u8 = 0x00;
 const RXF3SIDH: u8 = 0x10;
 const RXM0SIDH: u8 = 0x20;
+const CNF3_ADDRESS: u8 = 0x28;
+const CANINTF: u8 = 0x2C;
 const CANSTAT: u8 = 0x0E;
 const CANCTRL: u8 = 0x0F;
 const RXB0CTRL: u8 = 0x60;
-/// CANSTAT: the mode of the chip. Zero is normal mode.
+/// CANSTAT: the mode of the chip.
 const OPMOD: u8 = 0b1110_0000;
 /// RXB0CTRL: a frame that finds RXB0 full goes to RXB1.
 const BUKT: u8 = 1 << 2;
 /// SIDL: the identifier is extended.
 pub const EXIDE: u8 = 1 << 3;
+
+/// The mode that the loader wants, as in CANSTAT and CANCTRL: [`NORMAL`] or [`LISTEN_ONLY`].
+pub const MODE: Register = idle::GPIOR2;
+pub const NORMAL: u8 = 0;
+pub const LISTEN_ONLY: u8 = 0b0110_0000;
+
+/// CANINTF: a buffer has a frame, and there was an error in a frame.
+pub const RX0IF: u8 = 1 << 0;
+pub const RX1IF: u8 = 1 << 1;
+pub const MERRF: u8 = 1 << 7;
 
 /// In the last byte of an identifier: the frame belongs to a service.
 pub const SERVICE: u8 = 1 << 7;
@@ -88,7 +100,8 @@ pub fn set_up_spi() {
     SPSR.write(SPI2X);
 }
 
-/// Resets the chip, and puts it on the bus.
+/// Resets the chip, and puts it on the bus in [`MODE`]. While it listens, it receives each frame
+/// with an extended identifier.
 #[inline(always)]
 pub fn configure() {
     begin(instruction::RESET);
@@ -107,14 +120,20 @@ pub fn configure() {
     end();
     begin_filters(RXF3SIDH, NODE_ID.read(), 3);
     end();
-    // Behind the masks follows the bit timing.
-    begin_filters(RXM0SIDH, NODE_ID_BITS, 2);
+    // Behind the masks follows the bit timing. After a reset the masks are zero, so that each frame
+    // matches (table 11-1).
+    if MODE.read() == NORMAL {
+        begin_filters(RXM0SIDH, NODE_ID_BITS, 2);
+    } else {
+        begin(instruction::WRITE);
+        exchange(CNF3_ADDRESS);
+    }
     exchange(CNF3.read());
     exchange(CNF2.read());
     exchange(CNF1.read());
     end();
     write(RXB0CTRL, BUKT);
-    write(CANCTRL, 0);
+    write(CANCTRL, MODE.read());
 }
 
 /// Begins to write `count` filters or masks for services with `destination`. The caller may write
@@ -139,11 +158,13 @@ fn begin_filters(register: u8, destination: u8, mut count: u8) {
 /// True if the chip is in normal mode. It is not if it was reset, or waits for a pause on the bus.
 #[inline(always)]
 pub fn is_on_bus() -> bool {
-    begin(instruction::READ);
-    exchange(CANSTAT);
-    let mode = exchange(0) & OPMOD;
-    end();
-    mode == 0
+    read(CANSTAT) & OPMOD == NORMAL
+}
+
+/// Reads CANINTF.
+#[inline(always)]
+pub fn interrupt_flags() -> u8 {
+    read(CANINTF)
 }
 
 /// The data of the last received frame.
@@ -225,6 +246,15 @@ fn read_status() -> u8 {
     let status = exchange(0);
     end();
     status
+}
+
+#[inline(never)]
+fn read(register: u8) -> u8 {
+    begin(instruction::READ);
+    exchange(register);
+    let value = exchange(0);
+    end();
+    value
 }
 
 #[inline(never)]

@@ -9,10 +9,12 @@ use dronecan_wire::{Id, Tail};
 use firmware::handover::CRC_START;
 
 use crate::can::{self, EXIDE, NODE_ID_BITS, SERVICE};
+use crate::listen::Next;
 use crate::node_info::{self, Information, MAINTENANCE, MODE};
+use crate::start::Timeout;
 use crate::transfer::{self, Outgoing};
 use crate::variables::*;
-use crate::{clock, crc, start, update};
+use crate::{clock, crc, listen, start, update};
 
 /// The response of RestartNode, if it restarts.
 const WILL_RESTART: u8 = 1 << 7;
@@ -58,10 +60,26 @@ extern "C" fn main() -> ! {
     }
     can::set_up_spi();
     clock::start();
-    node_info::set_up();
+    listen::begin();
+    loop {
+        node_info::set_up();
+        stay_on_bus();
+    }
+}
+
+/// Does all that there is to do, until the bit rate of the record is to be used.
+#[inline(always)]
+fn stay_on_bus() {
     loop {
         can::configure();
         loop {
+            if listen::is_listening() {
+                match listen::turn() {
+                    Next::Listen => continue,
+                    Next::Configure => break,
+                    Next::UseRecord => return,
+                }
+            }
             // Before the second, which counts as one of silence.
             let outgoing = if update::is_read_due() {
                 Some(read_file())
@@ -108,7 +126,7 @@ fn read_file() -> Outgoing {
         sidl: SID_OF_READ[1],
         eid8: can::REQUEST | SERVER.read(),
         eid0: SERVICE | NODE_ID.read(),
-        transfer_id: update::next_transfer_id(),
+        transfer_id: update::begin_request(),
         buffer: read_request(),
         len: update::request_len(),
         seed: FILE_READ.seed,
@@ -147,7 +165,8 @@ fn take_frame() -> Option<Outgoing> {
     } else if is_request && is_service(RESTART_NODE.id) {
         // SAFETY: the data is longer than the number.
         if unsafe { crc::of(CRC_START, can::data(), 5) } == CRC_OF_MAGIC {
-            start::restart_soon();
+            // On a full bus the response has to wait.
+            start::set_watchdog(Timeout::Second);
             byte = WILL_RESTART;
         }
     } else if is_request && update::is_active() && is_service(BEGIN_FIRMWARE_UPDATE.id) {
@@ -175,7 +194,7 @@ fn take_frame() -> Option<Outgoing> {
         if source != SERVER.read() {
             return None;
         }
-        let len = transfer::take(len, tail, seed)?.get();
+        let len = transfer::take(len, tail, seed)?;
         if update::is_active() {
             update::take_answer(len);
             return None;

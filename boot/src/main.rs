@@ -11,6 +11,7 @@
 //! | `start.rs` | from the reset to the decision: start the program, or stay |
 //! | `loader.rs` | `main`, its loop, and the answers to requests |
 //! | `update.rs` | reads the file, and writes the program |
+//! | `listen.rs` | finds the bit rate before it sends |
 //! | `serial.rs` | takes a program through the serial port |
 //! | `image.rs` | checks the program in flash |
 //! | `node_info.rs` | what the node says about itself |
@@ -37,6 +38,8 @@ mod crc;
 mod eeprom;
 #[cfg(target_arch = "avr")]
 mod image;
+#[cfg(target_arch = "avr")]
+mod listen;
 #[cfg(target_arch = "avr")]
 mod loader;
 #[cfg(target_arch = "avr")]

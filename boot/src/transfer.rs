@@ -3,8 +3,6 @@
 //! Each buffer has room for the CRC before the payload, so that a transfer of several frames is the
 //! bytes of the buffer from its start on, and a transfer of one frame is the bytes behind the CRC.
 
-use core::num::NonZeroU16;
-
 use dronecan_wire::Tail;
 
 use crate::registers::{Register, idle};
@@ -97,7 +95,7 @@ const NOTHING: u8 = 0xFF;
 /// Adds the data of the received frame, which has `len` bytes before its tail, to the transfer.
 /// Returns the length of the payload if it is complete. An empty one is no transfer.
 #[inline(always)]
-pub fn take(len: u8, tail: u8, seed: u16) -> Option<NonZeroU16> {
+pub fn take(len: u8, tail: u8, seed: u16) -> Option<u16> {
     let is_single = tail >= Tail::START | Tail::END;
     let mut next = NEXT.read();
     let mut at = RECEIVED_END.read();
@@ -129,10 +127,14 @@ pub fn take(len: u8, tail: u8, seed: u16) -> Option<NonZeroU16> {
         return None;
     }
     NEXT.write(NOTHING);
-    let payload_len = NonZeroU16::new(at - CRC_LEN)?;
+    // A transfer of two frames can be shorter than its CRC.
+    if at <= CRC_LEN {
+        return None;
+    }
+    let payload_len = at - CRC_LEN;
     if !is_single {
         // SAFETY: the payload is in the buffer.
-        let crc = unsafe { crc::of(seed, received().add(CRC_LEN.into()), payload_len.get()) };
+        let crc = unsafe { crc::of(seed, received().add(CRC_LEN.into()), payload_len) };
         if crc != received_word(0) {
             return None;
         }

@@ -27,8 +27,6 @@ const SILENCE: Register = idle::OCR0A;
 const RETRY: u8 = 4;
 /// The update ends after so many seconds without an answer.
 const SILENCE_LIMIT: u8 = 40;
-/// Transfer ID of the last request of file.Read.
-const TRANSFER_ID: Register = idle::GPIOR2;
 
 /// Index of a received payload, behind the CRC.
 const PAYLOAD: usize = CRC_LEN as usize;
@@ -85,19 +83,24 @@ fn count_silence() -> u8 {
     silence
 }
 
-/// Returns the transfer ID for the next request of file.Read.
+/// The transfer ID of a request of file.Read: each request for the same part of the file has the
+/// same, so that a late answer to an earlier one counts.
 #[inline(always)]
-pub fn next_transfer_id() -> u8 {
-    count_silence();
-    let transfer_id = (TRANSFER_ID.read() + 1) & Tail::TRANSFER_ID;
-    TRANSFER_ID.write(transfer_id);
-    transfer_id
+fn transfer_id() -> u8 {
+    OFFSET_HIGH.read() & Tail::TRANSFER_ID
 }
 
-/// True if the tail has the transfer ID of the last request of file.Read.
+/// Returns the transfer ID for a request of file.Read, which is to be sent now.
+#[inline(always)]
+pub fn begin_request() -> u8 {
+    count_silence();
+    transfer_id()
+}
+
+/// True if the tail has the transfer ID of the requests for this part of the file.
 #[inline(always)]
 pub fn is_answer(tail: u8) -> bool {
-    tail & Tail::TRANSFER_ID == TRANSFER_ID.read()
+    tail & Tail::TRANSFER_ID == transfer_id()
 }
 
 /// Length of the payload of file.Read: offset and path.

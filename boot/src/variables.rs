@@ -25,6 +25,8 @@ struct Variables {
     frame: Frame,
     response: [u8; 3],
     received_end: u16,
+    /// Seconds of listening without a frame or an error.
+    quiet_s: u8,
     /// Ends with the request for an update, where the shared RAM begins.
     update: Update,
     /// Count of watchdog restarts.
@@ -141,6 +143,8 @@ near! {
     FRAME_LEN = frame.len;
     /// The payload of a response of one byte.
     RESPONSE = response + 2;
+    /// High byte of [`OFFSET`].
+    OFFSET_HIGH = update.offset + 1;
     /// Length of the path of the file.
     REQUEST_PATH_LEN = update.request + PATH_LEN;
     /// The node that has the file. While the loader waits for a request of BeginFirmwareUpdate: its
@@ -149,6 +153,7 @@ near! {
     /// Last byte of the request.
     REQUEST_END = update.request + PATH_LEN + 3;
     RESTART_COUNT = restarts;
+    QUIET_S = quiet_s;
 }
 
 /// Length of the program that is being read. Zero until the first answer.
