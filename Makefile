@@ -147,7 +147,8 @@ update:
 	@test '$(NODE)' || { echo 'Say which node: make update NODE=120 BUS=$(BUS), or NODE=all' >&2; exit 2; }
 	$(if $(FILE),,@$(MAKE) --no-print-directory firmware FEATURES='$(FEATURES)')
 	@$(MAKE) --no-print-directory update-program
-	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' $(ARGS)
+	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' \
+		$(if $(findstring --bitrate,$(ARGS)),,--bitrate $(shell scripts/firmware --bit-rate $(WIRING))) $(ARGS)
 
 # Everything for a release, in target/dist: about ten minutes.
 dist: $(TOOLS)/bin/cargo-about

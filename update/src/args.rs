@@ -18,7 +18,7 @@ Buses (--bus):
 Examples:
   node-update uno-seeed.bin --bus slcan:/dev/ttyACM0 --node 120
   node-update uno-seeed.bin --bus socketcan:can0 --node all      each node whose hardware the file \
-                        is for, one after the other
+                        is for, four at a time
 
 A node refuses while the vehicle is armed, or while its servo follows commands. An update takes 2 \
                         to 10 seconds. If it breaks off, the node
@@ -54,9 +54,9 @@ pub struct Args {
     #[arg(long, value_name = "ADDRESS")]
     pub mcast_interface: Option<Ipv4Addr>,
 
-    /// Node ID of this program on the bus. No other node may have it
-    #[arg(long, value_name = "ID", default_value = "125", value_parser = node_id)]
-    pub own_id: NodeId,
+    /// Node ID of this program on the bus, if no other node has it [default: one that is free]
+    #[arg(long, value_name = "ID", value_parser = node_id)]
+    pub own_id: Option<NodeId>,
 
     /// Print lines even if the output is a terminal
     #[arg(long)]

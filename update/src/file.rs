@@ -10,6 +10,9 @@ use crc::{CRC_16_IBM_3740, Crc};
 /// length of the file (little-endian).
 const HEADER: usize = 0x68;
 const HEADER_LEN: usize = 6;
+/// Address of the application descriptor, and its signature. The CRC of the image follows.
+const DESCRIPTOR: usize = 0x78;
+const SIGNATURE: [u8; 8] = [0x40, 0xA2, 0xE4, 0xF1, 0x64, 0x68, 0x91, 0x06];
 /// A file has more than a page of flash, and at most the flash of an ATmega328P without the
 /// bootloader.
 const LENGTHS: std::ops::RangeInclusive<usize> = 129..=30_720;
@@ -23,6 +26,9 @@ pub struct FirmwareFile {
     pub hardware: (u8, u8),
     /// Major and minor version of the program.
     pub software: (u8, u8),
+    /// The CRC of the image, which GetNodeInfo tells when it runs. `None` in a file without an
+    /// application descriptor.
+    pub image_crc: Option<u64>,
 }
 
 impl FirmwareFile {
@@ -69,8 +75,13 @@ impl FirmwareFile {
             Crc::<u16>::new(&CRC_16_IBM_3740).checksum(&bytes) == 0,
             "the CRC of the file is wrong: it was changed. Build it again"
         );
+        let image_crc = bytes[DESCRIPTOR..]
+            .strip_prefix(&SIGNATURE)
+            .and_then(|rest| rest.first_chunk())
+            .map(|crc| u64::from_le_bytes(*crc));
         Ok(FirmwareFile {
             bytes,
+            image_crc,
             hardware: (hardware_major, hardware_minor),
             software: (major, minor),
         })
@@ -95,7 +106,17 @@ pub mod tests {
 
     /// A file of this length for hardware 2.1, version 1.3.
     pub fn file_of(length: u16) -> FirmwareFile {
+        file_with(length, &[])
+    }
+
+    /// The same with this image CRC.
+    pub fn file_with_crc(length: u16, image_crc: u64) -> FirmwareFile {
+        file_with(length, &[SIGNATURE, image_crc.to_le_bytes()].concat())
+    }
+
+    fn file_with(length: u16, descriptor: &[u8]) -> FirmwareFile {
         let mut bytes: Vec<u8> = (0..length - 2).map(|n| n as u8).collect();
+        bytes[DESCRIPTOR..][..descriptor.len()].copy_from_slice(descriptor);
         let [low, high] = length.to_le_bytes();
         bytes[HEADER..HEADER + HEADER_LEN].copy_from_slice(&[2, 1, 1, 3, low, high]);
         let crc = Crc::<u16>::new(&CRC_16_IBM_3740).checksum(&bytes);
@@ -113,6 +134,8 @@ pub mod tests {
     fn a_file_has_the_versions_of_hardware_and_program() {
         let file = file_of(1000);
         assert_eq!((file.hardware, file.software, file.bytes.len()), ((2, 1), (1, 3), 1000));
+        assert_eq!(file.image_crc, None);
+        assert_eq!(file_with_crc(1000, 0x0123_4567).image_crc, Some(0x0123_4567));
     }
 
     #[test]

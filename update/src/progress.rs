@@ -1,15 +1,52 @@
-//! Shows the progress of an update: a bar on a terminal, lines elsewhere.
+//! Shows the progress of updates: a bar for each node on a terminal, lines elsewhere.
 
 use std::io::IsTerminal as _;
 
 use dronecan_host::NodeId;
-use indicatif::{ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 
 use crate::session::Session;
 
 /// Number of lines, one for each quarter of the file.
 const LINES: usize = 4;
 
+/// The place where all progress is shown.
+pub struct Display {
+    /// `None` for lines.
+    bars: Option<MultiProgress>,
+}
+
+impl Display {
+    /// Bars on a terminal, unless `plain`; lines elsewhere.
+    pub fn new(plain: bool) -> Display {
+        let is_terminal = !plain && std::io::stdout().is_terminal();
+        Display { bars: is_terminal.then(MultiProgress::new) }
+    }
+
+    /// Prints a line, above the bars.
+    pub fn line(&self, text: &str) {
+        match &self.bars {
+            Some(bars) => bars.suspend(|| println!("{text}")),
+            None => println!("{text}"),
+        }
+    }
+
+    /// Progress of an update with a file of `len` bytes.
+    pub fn progress(&self, node: NodeId, len: usize) -> Progress {
+        let bar = self.bars.as_ref().map(|bars| {
+            let template = "node {prefix} [{bar:30}] {bytes}/{total_bytes} {msg}";
+            let style = ProgressStyle::with_template(template)
+                .unwrap_or_else(|_| ProgressStyle::default_bar());
+            let bar = ProgressBar::new(len as u64)
+                .with_style(style.progress_chars("=> "))
+                .with_prefix(node.to_string());
+            bars.add(bar)
+        });
+        Progress { bar, node, len, printed: 0, stage: "" }
+    }
+}
+
+/// Progress of the update of one node.
 pub struct Progress {
     bar: Option<ProgressBar>,
     node: NodeId,
@@ -19,19 +56,7 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// Progress of an update with a file of `len` bytes.
-    pub fn new(node: NodeId, len: usize, plain: bool) -> Progress {
-        let bar = (!plain && std::io::stdout().is_terminal()).then(|| {
-            let template = "node {prefix} [{bar:30}] {bytes}/{total_bytes} {msg}";
-            let style = ProgressStyle::with_template(template)
-                .unwrap_or_else(|_| ProgressStyle::default_bar());
-            ProgressBar::new(len as u64)
-                .with_style(style.progress_chars("=> "))
-                .with_prefix(node.to_string())
-        });
-        Progress { bar, node, len, printed: 0, stage: "" }
-    }
-
+    /// Shows what has changed.
     pub fn show(&mut self, session: &Session) {
         let stage = session.stage();
         if let Some(bar) = &self.bar {

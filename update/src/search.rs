@@ -27,18 +27,20 @@ pub struct Candidate {
     pub info: NodeInfo,
 }
 
-/// Listens for nodes, requests their information, and returns those to update, lowest ID first.
+/// Listens for nodes, takes an ID of its own, and requests the nodes' information. Returns the ID,
+/// and the nodes to update, lowest ID first.
 pub fn search(
     client: &mut Client,
     args: &Args,
     file: &FirmwareFile,
-) -> Result<Vec<Candidate>, Failure> {
+) -> Result<(NodeId, Vec<Candidate>), Failure> {
     println!("listening for nodes");
     let mut nodes: BTreeMap<u8, Option<NodeInfo>> = BTreeMap::new();
     let listen_until = client.now() + LISTEN;
     while client.now() < listen_until {
         receive(client, &mut nodes, args)?;
     }
+    let own_id = client.take_id(args.own_id).map_err(Failure::Usage)?;
     for _ in 0..ATTEMPTS {
         let asked: Vec<u8> = nodes
             .iter()
@@ -58,7 +60,8 @@ pub fn search(
             receive(client, &mut nodes, args)?;
         }
     }
-    choose(nodes, args.node, file).map_err(|text| Failure::Nodes(Error::msg(text)))
+    let nodes = choose(nodes, args.node, file).map_err(|text| Failure::Nodes(Error::msg(text)))?;
+    Ok((own_id, nodes))
 }
 
 /// Handles received transfers for a moment.
@@ -72,11 +75,6 @@ fn receive(
     }
     for transfer in client.receive().map_err(Failure::Bus)? {
         let Some(source) = transfer.id.source() else { continue };
-        if source == client.id {
-            let text =
-                format!("another node has the ID {source}; choose one that is free with --own-id");
-            return Err(Failure::Usage(Error::msg(text)));
-        }
         match (transfer.id, Message::decode(&transfer)) {
             (_, Message::NodeInfo(info)) if args.node.includes(source.get()) => {
                 nodes.insert(source.get(), Some(*info));

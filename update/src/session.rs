@@ -12,7 +12,7 @@
 use std::time::Duration;
 
 use dronecan_host::management::NumberAndText;
-use dronecan_host::{DataType, Message, Mode, NodeId, NodeStatus, Transfer, types};
+use dronecan_host::{DataType, Message, Mode, NodeId, NodeInfo, NodeStatus, Transfer, types};
 
 use crate::file::FirmwareFile;
 
@@ -33,6 +33,9 @@ const ERROR_IN_PROGRESS: u8 = 2;
 /// Timeout of a request, and number of attempts.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 const ATTEMPTS: u32 = 5;
+/// A node must read a new part of the file, or restart after the last one, in this time. It is longer
+/// than [`SILENCE_LIMIT`], so that a node that is silent is told from one that repeats itself.
+const PROGRESS_LIMIT: Duration = Duration::from_secs(60);
 /// A bootloader stops after 20 to 40 seconds without an answer, and then needs a moment to check
 /// its program.
 const SILENCE_LIMIT: Duration = Duration::from_secs(45);
@@ -70,6 +73,8 @@ pub struct Session<'a> {
     /// Times of the start and of the last relevant frame.
     began: Duration,
     heard: Duration,
+    /// Time of the last new part of the file, or of the begin of the stage.
+    progressed: Duration,
     /// Number of requests in this stage, and time of the next one.
     attempts: u32,
     ask_at: Duration,
@@ -95,6 +100,7 @@ impl<'a> Session<'a> {
             stage: Stage::Asking,
             began: now,
             heard: now,
+            progressed: now,
             attempts: 0,
             ask_at: now,
             sent: 0,
@@ -141,6 +147,13 @@ impl<'a> Session<'a> {
             Stage::Reading if now > self.heard + SILENCE_LIMIT => {
                 return Some(self.fail("stopped reading and is silent: is its power on?"));
             }
+            Stage::Reading if now > self.progressed + PROGRESS_LIMIT => {
+                return Some(self.fail(if self.is_all_sent() {
+                    "has read all of the file, but does not start it"
+                } else {
+                    "reads the same part of the file again and again"
+                }));
+            }
             Stage::Reading => return None,
             Stage::Asking => Message::BeginUpdate(NumberAndText {
                 number: self.own_id.get(),
@@ -167,7 +180,8 @@ impl<'a> Session<'a> {
     }
 
     fn set_stage(&mut self, stage: Stage, now: Duration) {
-        (self.stage, self.attempts, self.ask_at, self.heard) = (stage, 0, now, now);
+        (self.stage, self.attempts, self.ask_at) = (stage, 0, now);
+        (self.heard, self.progressed) = (now, now);
     }
 
     /// Handles a transfer. Returns the payload of the response if it is a request of file.Read.
@@ -191,19 +205,25 @@ impl<'a> Session<'a> {
             },
             (Stage::Reading, Message::NodeStatus(status)) => self.take_status(status, now),
             (Stage::Checking, Message::NodeInfo(info)) => {
-                self.outcome = Some(if info.software == self.file.software {
-                    self.updated(now)
-                } else {
-                    let ((major, minor), (file_major, file_minor)) =
-                        (info.software, self.file.software);
-                    Outcome::Failed(format!(
-                        "runs version {major}.{minor}, and the file has {file_major}.{file_minor}"
-                    ))
-                });
+                self.outcome = Some(self.check(&info, now));
             }
             _ => {}
         }
         None
+    }
+
+    /// Compares the program that runs with the file.
+    fn check(&self, info: &NodeInfo, now: Duration) -> Outcome {
+        let ((major, minor), (file_major, file_minor)) = (info.software, self.file.software);
+        if info.software != self.file.software {
+            return Outcome::Failed(format!(
+                "runs version {major}.{minor}, and the file has {file_major}.{file_minor}"
+            ));
+        }
+        if self.file.image_crc.is_some() && info.image_crc != self.file.image_crc {
+            return Outcome::Failed(format!("runs another program of version {major}.{minor}"));
+        }
+        self.updated(now)
     }
 
     fn updated(&self, now: Duration) -> Outcome {
@@ -255,183 +275,13 @@ impl<'a> Session<'a> {
             .unwrap_or(usize::MAX);
         let data = self.file.bytes.get(begin..).unwrap_or_default();
         let data = &data[..data.len().min(READ_LEN)];
-        if begin <= self.sent {
-            self.sent = self.sent.max(begin + data.len());
+        if begin <= self.sent && begin + data.len() > self.sent {
+            self.sent = begin + data.len();
+            self.progressed = now;
         }
         Some([&OK.to_le_bytes()[..], data].concat())
     }
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::file::tests::file_of;
-    use dronecan_host::{CanId, NodeInfo, TransferId};
-
-    fn id(id: u8) -> NodeId {
-        NodeId::new(id).unwrap()
-    }
-
-    fn seconds(seconds: f32) -> Duration {
-        Duration::from_secs_f32(seconds)
-    }
-
-    fn session(file: &FirmwareFile) -> Session<'_> {
-        Session::new(id(120), (1, 2), file, id(125), Duration::ZERO)
-    }
-
-    fn transfer(can_id: CanId, payload: Vec<u8>) -> Transfer {
-        Transfer { id: can_id, transfer_id: TransferId::new(0), payload, frames: 1 }
-    }
-
-    /// A service transfer of node 120.
-    fn service(service_id: u8, request: bool, payload: Vec<u8>) -> Transfer {
-        transfer(
-            CanId::Service {
-                priority: 16,
-                service_id,
-                request,
-                destination: id(125),
-                source: id(120),
-            },
-            payload,
-        )
-    }
-
-    fn status(mode: Mode) -> Transfer {
-        let payload = NodeStatus { mode, ..NodeStatus::default() }.encode();
-        transfer(CanId::Message { priority: 20, type_id: 341, source: id(120) }, payload)
-    }
-
-    fn read(session: &mut Session, offset: u16) -> Vec<u8> {
-        let [low, high] = offset.to_le_bytes();
-        session
-            .take(&service(48, true, [&[low, high, 0, 0, 0][..], b"fw.bin"].concat()), seconds(2.0))
-            .unwrap()
-    }
-
-    fn begin(session: &mut Session, number: u8, text: &[u8]) {
-        assert!(matches!(
-            session.poll(Duration::ZERO),
-            Some(Action::Request(Message::BeginUpdate(_)))
-        ));
-        let response = NumberAndText { number, text: text.to_vec() }.encode();
-        assert_eq!(session.take(&service(40, false, response), seconds(0.1)), None);
-    }
-
-    #[track_caller]
-    fn failed(session: &mut Session, now: f32, text: &str) {
-        match session.poll(seconds(now)) {
-            Some(Action::End(Outcome::Failed(why))) => assert!(why.contains(text), "{why}"),
-            other => panic!("{other:?}"),
-        }
-    }
-
-    #[test]
-    fn a_node_that_reads_the_file_and_runs_it_is_updated() {
-        let file = file_of(600);
-        let mut session = session(&file);
-        begin(&mut session, ERROR_OK, b"");
-        session.take(&status(Mode::Operational), seconds(0.2));
-        let answers: Vec<_> = [0, 256, 512].map(|offset| read(&mut session, offset)).to_vec();
-        assert_eq!(answers.iter().map(Vec::len).collect::<Vec<_>>(), [258, 258, 90]);
-        assert_eq!(
-            answers.iter().flat_map(|answer| &answer[2..]).copied().collect::<Vec<_>>(),
-            file.bytes
-        );
-        assert_eq!((session.sent(), session.stage()), (600, "restarting"));
-        session.take(&status(Mode::SoftwareUpdate), seconds(2.5));
-        assert_eq!(session.poll(seconds(2.6)), None);
-        session.take(&status(Mode::Operational), seconds(3.0));
-        assert_eq!(session.poll(seconds(3.0)), Some(Action::Request(Message::NodeInfoRequest)));
-        let info: NodeInfo = NodeInfo { software: (1, 3), ..NodeInfo::default() };
-        session.take(&service(1, false, info.encode()), seconds(3.5));
-        let text = "runs version 1.3, before 1.2; 3.5 s".to_owned();
-        assert_eq!(session.poll(seconds(3.5)), Some(Action::End(Outcome::Updated(text))));
-    }
-
-    #[test]
-    fn a_node_s_reason_for_a_rejection_is_reported() {
-        let file = file_of(600);
-        let mut session = session(&file);
-        begin(&mut session, ERROR_INVALID_MODE, b"armed, or a command in the last 2 s");
-        failed(&mut session, 0.1, "refuses: armed, or a command");
-    }
-
-    #[test]
-    fn a_silent_node_gets_five_requests() {
-        let file = file_of(600);
-        let mut session = session(&file);
-        let asked = (0..50).filter(|n| session.poll(seconds(0.1 * *n as f32)).is_some()).count();
-        assert_eq!(asked, 5);
-        failed(&mut session, 5.1, "does not answer BeginFirmwareUpdate");
-    }
-
-    #[test]
-    fn a_lost_response_does_not_matter_if_the_node_reads() {
-        let file = file_of(600);
-        let mut session = session(&file);
-        assert!(session.poll(Duration::ZERO).is_some());
-        read(&mut session, 0);
-        assert_eq!((session.poll(seconds(3.0)), session.stage()), (None, "reading"));
-    }
-
-    #[test]
-    fn a_node_in_its_bootloader_or_old_program_counts_as_not_updated() {
-        let file = file_of(600);
-        for (mode, text) in [
-            (Mode::Maintenance, "waits in its bootloader"),
-            (Mode::Operational, "runs its old program"),
-        ] {
-            let mut session = session(&file);
-            begin(&mut session, ERROR_OK, b"");
-            read(&mut session, 0);
-            session.take(&status(mode), seconds(3.0));
-            failed(&mut session, 3.0, text);
-        }
-    }
-
-    #[test]
-    fn an_update_of_a_silent_node_fails_after_the_bootloader_s_timeout() {
-        let file = file_of(600);
-        let mut session = session(&file);
-        begin(&mut session, ERROR_IN_PROGRESS, b"");
-        read(&mut session, 0);
-        session.take(&status(Mode::SoftwareUpdate), seconds(30.0));
-        assert_eq!(session.poll(seconds(74.0)), None);
-        failed(&mut session, 76.0, "silent");
-    }
-
-    #[test]
-    fn an_update_to_another_version_fails() {
-        let file = file_of(300);
-        let mut session = session(&file);
-        begin(&mut session, ERROR_OK, b"");
-        read(&mut session, 0);
-        read(&mut session, 256);
-        session.take(&status(Mode::Operational), seconds(3.0));
-        session.take(&service(1, false, NodeInfo::<NodeStatus>::default().encode()), seconds(3.1));
-        failed(&mut session, 3.2, "runs version 0.0, and the file has 1.3");
-    }
-
-    #[test]
-    fn requests_of_other_nodes_or_for_other_files_are_not_answered() {
-        let file = file_of(300);
-        let mut session = session(&file);
-        begin(&mut session, ERROR_OK, b"");
-        let request = [&[0; 5][..], b"other.bin"].concat();
-        assert_eq!(session.take(&service(48, true, request), seconds(1.0)), Some(vec![2, 0]));
-        let other = CanId::Service {
-            priority: 16,
-            service_id: 48,
-            request: true,
-            destination: id(125),
-            source: id(121),
-        };
-        assert_eq!(
-            session.take(&transfer(other, [&[0; 5][..], b"fw.bin"].concat()), seconds(1.0)),
-            None
-        );
-        assert_eq!(session.sent(), 0);
-    }
-}
+mod tests;
