@@ -3,6 +3,8 @@
 //! This file states addresses, layouts and the CRC itself, and imports none of them from the
 //! bootloader.
 
+#![allow(dead_code, reason = "each file of tests uses a part of it")]
+
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
