@@ -33,8 +33,8 @@ SHIPPED := default remote thesis none
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
-ON_UNO := budget bus_faults controller full_bus load restart servo update
-ON_UNO_MODULE := budget controller load parameters restart servo temperature
+ON_UNO := budget bus_faults controller full_bus load restart servo update update_clients
+ON_UNO_MODULE := budget controller load loader parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 VENV := .venv
@@ -202,7 +202,7 @@ test-library:
 	done
 
 test-host:
-	cargo test -p bounds -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
+	cargo test -p boot -p bounds -p bridge -p fuzz-harness -p mcp2515-ordered -p dronecan-wire -p dronecan-host -p can-frame -p sim-base -p can-model -p mcp2515-model \
 		-p bus-load -p can-link -p node-update -p avr-chip -p avr-model -p bench -p sim -p rig
 
 # They run the program that is in target/firmware, so it must be of these sources.

@@ -71,8 +71,8 @@ fn a_server_that_takes_five_seconds_for_an_answer_is_slow_and_not_useless() {
     assert!((10..=15).contains(&bench.server.requests), "{}", bench.server.requests);
 }
 
-/// Frames of all lengths, as transfers of one, two and three frames, for each service that the
-/// bootloader puts together. A transfer that is shorter than its CRC once made it read 65,535 bytes.
+/// Frames of all lengths, as transfers of two and three frames, for each service that the
+/// bootloader puts together. One that is shorter than its CRC once made it read 65,535 bytes.
 #[test]
 fn no_length_of_frames_makes_the_bootloader_deaf_or_changes_what_it_says() {
     const BEGIN: u32 = 0x1E28_F8FF;

@@ -1,10 +1,10 @@
 //! Listens before the loader sends, so that it does not disturb a bus of another bit rate.
 //!
-//! In listen-only mode the controller neither acknowledges frames nor sends error frames (DS20001801J
-//! 10.3). The loader leaves this mode when it has received a whole frame: then the bit rate is right.
-//! If it has seen errors in a second, it tries the next of the board's bit rates. After
-//! [`SILENCE_LIMIT_S`] seconds with neither it takes the bit rate of the record: at a wrong rate, too,
-//! traffic would have caused errors.
+//! In listen-only mode the controller neither acknowledges frames nor sends error frames
+//! (DS20001801J 10.3). The loader leaves this mode when it has received a whole frame: then the bit
+//! rate is right. If it has seen errors in a second, it tries the next of the board's bit rates.
+//! After [`SILENCE_LIMIT_S`] seconds with neither it takes the bit rate of the record: at a wrong
+//! rate, too, traffic would have caused errors.
 
 use firmware::hardware::CAN_CRYSTAL_HZ;
 use firmware::node::bit_rate::HIGHEST_RATE;

@@ -176,12 +176,11 @@ fn take_frame() -> Option<Outgoing> {
         byte = error::IN_PROGRESS;
     } else {
         let source = FRAME_EID0.read() & NODE_ID_BITS;
-        let seed;
-        if update::is_active() {
+        let seed = if update::is_active() {
             if is_request || !is_service(FILE_READ.id) || !update::is_answer(tail) {
                 return None;
             }
-            seed = FILE_READ.seed;
+            FILE_READ.seed
         } else {
             if !is_request || !is_service(BEGIN_FIRMWARE_UPDATE.id) {
                 return None;
@@ -189,8 +188,8 @@ fn take_frame() -> Option<Outgoing> {
             if tail & Tail::START != 0 {
                 SERVER.write(source);
             }
-            seed = BEGIN_FIRMWARE_UPDATE.seed;
-        }
+            BEGIN_FIRMWARE_UPDATE.seed
+        };
         if source != SERVER.read() {
             return None;
         }

@@ -18,6 +18,7 @@
 //! | `transfer.rs` | frames to transfers, transfers to frames |
 //! | `can.rs` | the MCP2515 |
 //! | `variables.rs` | the RAM |
+//! | `on_host.rs` | what tests on the host have in place of the chip |
 //! | `spm.rs`, `eeprom.rs`, `clock.rs`, `registers.rs`, `crc.rs` | the chip, and the CRC |
 //!
 //! The code is bent for size, with rustc of rust-toolchain.toml and the options of scripts/boot:
@@ -52,12 +53,17 @@ mod serial;
 mod spm;
 #[cfg(target_arch = "avr")]
 mod start;
-#[cfg(target_arch = "avr")]
+#[cfg(any(target_arch = "avr", test))]
 mod transfer;
 #[cfg(target_arch = "avr")]
 mod update;
 #[cfg(target_arch = "avr")]
 mod variables;
+
+#[cfg(all(test, not(target_arch = "avr")))]
+mod on_host;
+#[cfg(all(test, not(target_arch = "avr")))]
+use on_host::{can, crc, registers, variables};
 
 /// Says how to build it: the loader runs on an Arduino and not on the host.
 #[cfg(not(target_arch = "avr"))]

@@ -141,3 +141,6 @@ pub fn take(len: u8, tail: u8, seed: u16) -> Option<u16> {
     }
     Some(payload_len)
 }
+
+#[cfg(test)]
+mod tests;

@@ -125,7 +125,10 @@ impl<const DISTANCE: usize> NearWord<DISTANCE> {
 
 macro_rules! near {
     ($($(#[$doc:meta])* $name:ident = $($field:tt).+ $(+ $n:expr)?;)*) => {
-        $($(#[$doc])* pub const $name: Near<{ offset_of!(Variables, $($field).+) - Y $(+ $n)? }> = Near;)*
+        $(
+            $(#[$doc])*
+            pub const $name: Near<{ offset_of!(Variables, $($field).+) - Y $(+ $n)? }> = Near;
+        )*
     };
 }
 

@@ -202,7 +202,8 @@ def test_several_nodes_are_updated_at_the_same_time(bench):
         eeproms.append(single.eeprom(0).read_bytes())
     used = bench("--nodes", "2", "--bootloader", LOADER, eeproms=eeproms, elf=node_elf("remote"))
     text = node_update(used, node="all")
-    assert sorted(re.findall(r"^node (\d+): runs version", text, re.M)) == ["120", "121", "122"], text
+    updated = re.findall(r"^node (\d+): runs version", text, re.M)
+    assert sorted(updated) == ["120", "121", "122"], text
     # All have begun before the first has ended.
     assert text.index("node 122: reading") < text.index("runs version"), text
 
@@ -211,7 +212,8 @@ def test_node_update_takes_an_id_that_no_other_node_has(remote_board):
     client = remote_board.dronecan(adapter=1, node_id=126)
     others = []
     client.node.add_handler(NodeStatus, lambda event: others.append(event.transfer.source_node_id))
-    line = [project_program("node-update"), node_elf("remote").with_suffix(".bin"), "--bus", f"slcan:{remote_board.slcan[0]}", "--node", NODE]
+    file, bus = node_elf("remote").with_suffix(".bin"), f"slcan:{remote_board.slcan[0]}"
+    line = [project_program("node-update"), file, "--bus", bus, "--node", NODE]
     process = remote_board.start(*line)
     client.spin_until(lambda: process.poll() is not None, "end of the program", timeout=60)
     assert process.returncode == 0, process.communicate()[0]
@@ -219,13 +221,21 @@ def test_node_update_takes_an_id_that_no_other_node_has(remote_board):
     assert "another node has the ID 126" in node_update(remote_board, "--own-id", "126", code=2)
 
 
-@pytest.mark.parametrize("shield, arguments, rates", [("module", "", ["500000"]), ("seeed", "", ["1000000"]), ("module", "--bitrate 125000", ["125000"])])
+@pytest.mark.parametrize(
+    "shield, arguments, rates",
+    [
+        ("module", "", ["500000"]),
+        ("seeed", "", ["1000000"]),
+        ("module", "--bitrate 125000", ["125000"]),
+    ],
+)
 def test_make_update_passes_the_bit_rate_of_the_can_board(tmp_path, shield, arguments, rates):
     program = tmp_path / "node-update"
     program.write_text('#!/bin/sh\necho "$@"\n')
     program.chmod(0o755)
-    words = [f"PROGRAMS={tmp_path}", f"SHIELD={shield}", "FILE=x.bin", "BUS=mcast:0", "NODE=120", f"ARGS={arguments}"]
-    line = subprocess.run(["make", "-s", "-C", ROOT, "update", *words], capture_output=True, text=True, check=True).stdout
+    choice = [f"PROGRAMS={tmp_path}", f"SHIELD={shield}", f"ARGS={arguments}"]
+    line = ["make", "-s", "-C", ROOT, "update", "FILE=x.bin", "BUS=mcast:0", "NODE=120", *choice]
+    line = subprocess.run(line, capture_output=True, text=True, check=True).stdout
     assert re.findall(r"--bitrate (\d+)", line) == rates, line
 
 

@@ -5,17 +5,21 @@
 
 #![allow(dead_code, reason = "each file of tests uses a part of it")]
 
+#[path = "update_files.rs"]
+mod update_files;
+
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
 use std::rc::Rc;
 
-use bench::avr::{Avr, Chip, Firmware, ResetCause};
+use bench::avr::{Avr, Firmware, ResetCause};
 use bench::board::Board;
 use bench::can::{Event, Frame, Id, SoftNode};
 use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
 use bench::wiring::Wiring;
-use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start, firmware, node_elf};
+use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start};
+
+pub use update_files::*;
 
 /// CPU cycles in a millisecond.
 const MS: u64 = 16_000;
@@ -48,48 +52,8 @@ fn signature(service: u8) -> u64 {
     }
 }
 
-/// CRC-16-CCITT-FALSE.
-pub fn crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xFFFF, |crc, byte| {
-        let crc = crc ^ u16::from(*byte) << 8;
-        (0..8).fold(crc, |crc, _| crc << 1 ^ if crc & 0x8000 != 0 { 0x1021 } else { 0 })
-    })
-}
-
 pub fn board() -> Wiring {
     chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
-}
-
-/// A firmware that hands updates over to the bootloader. On the ATmega168 it has no serial monitor.
-fn elf() -> PathBuf {
-    let elf = if board().chip == Chip::Atmega168 { firmware("remote") } else { node_elf() };
-    elf.unwrap_or_else(|error| panic!("{error:#}"))
-}
-
-/// The update file of that firmware.
-pub fn file() -> Vec<u8> {
-    let path = elf().with_extension("bin");
-    std::fs::read(&path)
-        .unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
-}
-
-/// Replaces the CRC of a program after a change of its bytes.
-pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
-    file.truncate(file.len() - 2);
-    file.extend(crc(&file).to_be_bytes());
-    file
-}
-
-/// An EEPROM with node ID 42 and 125 kbit/s for the bootloader.
-pub fn eeprom_with_bus_record() -> [u8; 0x20] {
-    let mut eeprom = [0xFF; 0x20];
-    // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at
-    // 87.5 %.
-    let brp = if board().crystal_hz() == 16_000_000 { 3 } else { 1 };
-    let record = [42, 0x01, 0xBC, brp];
-    eeprom[BUS..BUS + 4].copy_from_slice(&record);
-    eeprom[BUS + 4..BUS + 6].copy_from_slice(&crc(&record).to_be_bytes());
-    eeprom
 }
 
 /// A file server: answers file.Read.
@@ -401,11 +365,12 @@ impl UpdateBench {
             .collect()
     }
 
-    /// Waits for the next NodeStatus and returns its mode.
+    /// Waits for the next NodeStatus and returns its mode. After a reset the bootloader waits for a
+    /// frame of the server first.
     #[track_caller]
     pub fn next_mode(&mut self) -> u8 {
         let known = self.statuses().len();
-        self.wait_for("a NodeStatus", 1500, |bench| bench.statuses().len() > known);
+        self.wait_for("a NodeStatus", 2500, |bench| bench.statuses().len() > known);
         self.statuses()[known].1[4] >> 3 & 7
     }
 

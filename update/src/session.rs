@@ -33,8 +33,9 @@ const ERROR_IN_PROGRESS: u8 = 2;
 /// Timeout of a request, and number of attempts.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 const ATTEMPTS: u32 = 5;
-/// A node must read a new part of the file, or restart after the last one, in this time. It is longer
-/// than [`SILENCE_LIMIT`], so that a node that is silent is told from one that repeats itself.
+/// A node must read a new part of the file, or restart after the last one, in this time. It is
+/// longer than [`SILENCE_LIMIT`], so that a node that is silent is told from one that repeats
+/// itself.
 const PROGRESS_LIMIT: Duration = Duration::from_secs(60);
 /// A bootloader stops after 20 to 40 seconds without an answer, and then needs a moment to check
 /// its program.

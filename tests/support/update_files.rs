@@ -1,0 +1,48 @@
+//! Files for updates, as `make firmware` leaves them, and EEPROMs for the bootloader.
+
+use std::path::PathBuf;
+
+use bench::avr::Chip;
+use bench::{firmware, node_elf};
+
+use super::{BUS, board};
+
+/// CRC-16-CCITT-FALSE.
+pub fn crc(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0xFFFF, |crc, byte| {
+        let crc = crc ^ u16::from(*byte) << 8;
+        (0..8).fold(crc, |crc, _| crc << 1 ^ if crc & 0x8000 != 0 { 0x1021 } else { 0 })
+    })
+}
+
+/// A firmware that hands updates over to the bootloader. On the ATmega168 it has no serial monitor.
+pub fn elf() -> PathBuf {
+    let elf = if board().chip == Chip::Atmega168 { firmware("remote") } else { node_elf() };
+    elf.unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// The update file of that firmware.
+pub fn file() -> Vec<u8> {
+    let path = elf().with_extension("bin");
+    std::fs::read(&path)
+        .unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
+}
+
+/// Replaces the CRC of a program after a change of its bytes.
+pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
+    file.truncate(file.len() - 2);
+    file.extend(crc(&file).to_be_bytes());
+    file
+}
+
+/// An EEPROM with node ID 42 and 125 kbit/s for the bootloader.
+pub fn eeprom_with_bus_record() -> [u8; 0x20] {
+    let mut eeprom = [0xFF; 0x20];
+    // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at
+    // 87.5 %.
+    let brp = if board().crystal_hz() == 16_000_000 { 3 } else { 1 };
+    let record = [42, 0x01, 0xBC, brp];
+    eeprom[BUS..BUS + 4].copy_from_slice(&record);
+    eeprom[BUS + 4..BUS + 6].copy_from_slice(&crc(&record).to_be_bytes());
+    eeprom
+}
