@@ -296,6 +296,29 @@ fn a_running_program_accepts_an_update_and_starts_the_bootloader() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
+/// The reset comes 16 ms after the program has ended, at any time of the 20 ms of a period.
+#[test]
+fn an_update_shortens_no_pulse_whatever_its_phase() {
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(1500);
+    for phase in (0..20).step_by(2) {
+        // A position of -0.8, which the output keeps when no more commands come.
+        bench.send(0x1003_F20A, &[1, 0, 0x66, 0xBA, 0xC7]);
+        bench.run_ms(2500 + phase);
+        let pulses = bench.bench.board(0).take_servo_pulses();
+        assert!(pulses.len() > 50, "{}", pulses.len());
+        let width = pulses.last().unwrap().width_us();
+        // The server does not have the file, so the bootloader starts the program again.
+        assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, b"\0none"), [OK]);
+        bench.run_ms(500);
+        bench.wait_for_program(3000);
+        let pulses = bench.bench.board(0).take_servo_pulses();
+        assert!(!pulses.is_empty());
+        let widths: Vec<f64> = pulses.iter().map(|pulse| pulse.width_us()).collect();
+        assert!(widths.iter().all(|other| *other == width), "phase {phase}: {width}: {widths:?}");
+    }
+}
+
 #[test]
 fn a_program_in_use_rejects_an_update_with_a_reason() {
     const INVALID_MODE: u8 = 1;

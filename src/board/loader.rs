@@ -3,6 +3,10 @@
 
 use core::arch::asm;
 
+use super::chip::TC1;
+use super::pins::ServoSignal;
+use super::timer1;
+
 use firmware::handover::{REQUEST, REQUEST_LEN, RESTARTS};
 
 unsafe extern "C" {
@@ -57,6 +61,11 @@ pub fn enter(request: Option<&[u8; REQUEST_LEN]>) -> ! {
     avr_device::interrupt::disable();
     #[cfg(feature = "outputs")]
     super::outputs::finish();
+    // Until the reset the timer makes no other pulse, which that would cut.
+    // Safety: interrupts are disabled and this function does not return, so nobody else uses the
+    // timer or the pin any more.
+    let (tc1, signal) = unsafe { (TC1::steal(), ServoSignal::steal()) };
+    timer1::stop(&tc1, &signal);
     if let Some(request) = request {
         for (n, byte) in request.iter().enumerate() {
             // Safety: these bytes are behind the stack, so they are no variables, and there is no
