@@ -15,6 +15,9 @@ use crate::file::FirmwareFile;
 /// Each node sends NodeStatus once a second. A bootloader is silent for a moment while it checks
 /// the program.
 const LISTEN: Duration = Duration::from_millis(2500);
+/// A bootloader that has just started on a silent bus listens for three seconds before it sends. It
+/// sends NodeStatus within a second then.
+const LISTEN_IF_SILENT: Duration = Duration::from_secs(5);
 /// Timeout of GetNodeInfo, and number of attempts.
 const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
 const ATTEMPTS: u32 = 5;
@@ -36,9 +39,13 @@ pub fn search(
 ) -> Result<(NodeId, Vec<Candidate>), Failure> {
     println!("listening for nodes");
     let mut nodes: BTreeMap<u8, Option<NodeInfo>> = BTreeMap::new();
-    let listen_until = client.now() + LISTEN;
-    while client.now() < listen_until {
+    let begin = client.now();
+    let mut listen = LISTEN_IF_SILENT;
+    while client.now() < begin + listen {
         receive(client, &mut nodes, args)?;
+        if nodes.keys().any(|id| args.node.includes(*id)) {
+            listen = LISTEN;
+        }
     }
     let own_id = client.take_id(args.own_id).map_err(Failure::Usage)?;
     for _ in 0..ATTEMPTS {
