@@ -460,8 +460,8 @@ mod tests {
     }
 
     /// The section `.board` of the firmware for an Uno with a module.
-    const UNO: &str = "board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\\
-                       nservo=D9\nlight=D3\nbutton=D4\nsensor=A0\npower=A4,A5\n";
+    const UNO: &str = "board=uno\nshield=module\nmcu=atmega328p\ncs=D10\nint=D2\ncrystal_mhz=8\n\
+                       servo=D9\nlight=D3\nbutton=D4\nsensor=A0\npower=A4,A5\n";
 
     #[test]
     fn pins_have_the_names_of_the_arduino() {
