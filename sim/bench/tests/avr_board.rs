@@ -301,8 +301,8 @@ fn a_shorted_miso_reads_its_level_whatever_the_chip_answers() {
 fn the_circuit_s_inputs_are_at_0_v_until_they_are_set() {
     let board = |channel: &str, pins: &str| {
         let wiring = format!(
-            "board=uno\nshield=seeed\nmcu=atmega328p\ncs=D9\nint=D2\ncrystal_mhz=16\nservo=D10\\
-             nsensor=A0\n{pins}"
+            "board=uno\nshield=seeed\nmcu=atmega328p\ncs=D9\nint=D2\ncrystal_mhz=16\nservo=D10\n\
+             sensor=A0\n{pins}"
         );
         let avr = program_for(Chip::Atmega328p, "adc", &[channel]);
         Board::wired(avr, &Wiring::parse(wiring.as_bytes()).unwrap()).unwrap()
