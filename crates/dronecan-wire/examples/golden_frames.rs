@@ -102,7 +102,7 @@ fn receive() {
                 continue;
             }
         };
-        match receiver.accept(segment, ACTUATOR, 0, now_ms) {
+        match receiver.accept(segment, ACTUATOR, now_ms) {
             Verdict::More => println!("there is more"),
             Verdict::Rejected(rejection) => println!("dropped, {rejection:?}"),
             Verdict::Message(message) => {

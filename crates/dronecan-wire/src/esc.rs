@@ -1,9 +1,6 @@
 //! The commands for motors in an esc.RawCommand (DSDL uavcan/equipment/esc/1030.RawCommand.uavcan):
 //! up to 20 signed integers of 14 bits, one after the other.
 
-/// Bits of a command.
-const BITS: usize = 14;
-
 /// The command with this index in the payload of an esc.RawCommand: -8192 to 8191. `None` if the
 /// payload ends before it.
 ///
@@ -11,29 +8,39 @@ const BITS: usize = 14;
 /// // Full speed for the motor 0, and full speed backwards for the motor 1.
 /// assert_eq!(dronecan_wire::esc::raw_command(&[0xFF, 0x7C, 0x02, 0x00], 1), Some(-8192));
 /// ```
+#[inline(never)]
 pub fn raw_command(payload: &[u8], index: u8) -> Option<i16> {
-    let at = usize::from(index) * BITS;
-    // The bits of the command begin in the first of these bytes, and end in the second or third.
-    let [first, second] = [payload.get(at / 8)?, payload.get(at / 8 + 1)?];
-    let third = payload.get(at / 8 + 2);
-    if at + BITS > 8 * payload.len() {
-        return None;
-    }
-    let mut bits = u16::from_be_bytes([*first, *second]);
-    let mut behind = third.copied().unwrap_or_default();
-    // An even number of bits belongs to the command before.
-    for _ in 0..at % 8 / 2 {
-        bits = bits << 2 | u16::from(behind >> 6);
-        behind <<= 2;
-    }
-    // The lower byte comes first, then the upper six bits.
-    let [low, high] = bits.to_be_bytes();
+    let bytes = payload.get(usize::from(index) * 7 / 4..)?;
+    let (&[first, second], rest) = bytes.split_first_chunk()?;
+    // The lower byte comes first, then the upper six bits. Bits fill a byte from its highest.
+    let (low, high) = match index % 4 {
+        0 => (first, second),
+        1 => (first << 6 | second >> 2, second << 6 | rest.first()? >> 2),
+        2 => (first << 4 | second >> 4, second << 4 | rest.first()? >> 4),
+        _ => (first << 2 | second >> 6, second << 2),
+    };
     Some(i16::from_le_bytes([low, (high as i8 >> 2) as u8]))
+}
+
+/// The number of commands in a payload of an esc.RawCommand with this length, in bytes.
+#[inline(always)]
+pub fn raw_commands(len: u8) -> u8 {
+    // Four commands take seven bytes. Two, four and six have room for one, two and three.
+    let (mut commands, mut rest) = (0u8, len);
+    while rest >= 7 {
+        rest -= 7;
+        commands += 4;
+    }
+    commands + rest / 2
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Bits of a command.
+    const BITS: usize = 14;
+
     use crate::golden::bytes;
 
     /// Written by pydronecan 1.0.27.
@@ -61,6 +68,7 @@ mod tests {
             let found =
                 (0..20).take_while(|&index| raw_command(&payload[..len], index).is_some()).count();
             assert_eq!(found, commands, "{len}");
+            assert_eq!(usize::from(raw_commands(len as u8)), commands, "{len}");
             assert!(
                 (commands as u8..=255).all(|index| raw_command(&payload[..len], index).is_none()),
                 "{len}"

@@ -3,8 +3,8 @@
 //! Goals:
 //!
 //! * The receiver returns a transfer only after its last frame, and only if its CRC is right.
-//! * The lists of one sender, which the caller names, are always received, whatever other traffic
-//!   is on the bus.
+//! * A sender that completes its transfers is received, whatever other nodes begin and do not
+//!   complete.
 //! * The receiver stores only bytes that the program uses: of a list the entry for this node, of
 //!   any other payload the first `KEPT` bytes.
 //!
@@ -16,7 +16,12 @@
 //!
 //! * Only the first frame of a transfer opens a lane. The transfer takes the sender's own lane,
 //!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
-//!   It never takes a list lane of the sender that the caller protects.
+//! * A transfer keeps its lane for at least 3 ms and at most 4 ms after each frame. But it gives it
+//!   up at once to a sender whose last multi-frame transfer was complete if that of its own sender
+//!   was not. If neither was, one first frame in 16 gets the lane at once.
+//! * So a sender that begins transfers and never completes one does not keep out a sender that
+//!   completes its transfers. A sender that does both keeps another out for 4 ms at most, once for
+//!   each transfer that it completes.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
 //!   the last one. The receiver ignores any other frame that is not a first frame: either it came
 //!   twice, or its transfer was lost and reported before.
@@ -29,9 +34,12 @@
 
 mod segment;
 mod transfer;
+mod trust;
 
 pub use segment::{Rejection, Segment, Verdict};
+use transfer::Hold;
 pub use transfer::{Slot, Transfer};
+use trust::Trust;
 
 /// The longest time between two frames of a list (a transfer in a [list
 /// lane](Received::has_own_lanes)), in milliseconds. A list commands something, so a late frame
@@ -98,6 +106,11 @@ pub trait Received: Copy + PartialEq {
     /// saves code in a node that receives only one type of list of several frames from a sender.
     const LANE_FOR_EACH_TYPE: bool = false;
 
+    /// True if the receiver takes payloads entry by entry, which needs less time and some 200 bytes
+    /// of flash more: a single-frame list of one entry takes 75 cycles of an AVR less. False takes
+    /// them byte by byte.
+    const TAKES_ENTRIES: bool = false;
+
     /// Returns the message with this data type ID, or [`UNKNOWN`](Self::UNKNOWN).
     fn of_message(data_type: u16) -> Self;
 
@@ -128,9 +141,9 @@ pub trait Received: Copy + PartialEq {
         0
     }
 
-    /// True for a type whose transfers have the lanes of lists, in which the sender that the caller
-    /// protects cannot be kept out. All lists, unless the program says otherwise: another type
-    /// of command may need these lanes, too.
+    /// True for a type whose transfers have the lanes of lists, for which the timeout is shorter.
+    /// All lists, unless the program says otherwise: another type of command may need these lanes,
+    /// too.
     #[inline(always)]
     fn has_own_lanes(self) -> bool {
         self.entry_len() != 0
@@ -154,6 +167,7 @@ pub struct Receiver<K, const LISTS: usize, const OTHERS: usize, const KEPT: usiz
     others: [Transfer<K, KEPT>; OTHERS],
     /// The last single-frame transfer.
     single: Transfer<K, KEPT>,
+    trust: Trust,
 }
 
 impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
@@ -165,6 +179,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
             lists: [Transfer::NONE; LISTS],
             others: [Transfer::NONE; OTHERS],
             single: Transfer::NONE,
+            trust: Trust::NONE,
         }
     }
 
@@ -185,18 +200,16 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         Some(lane)
     }
 
-    /// Takes a frame. The entries of a list that begin with `own_id` are for this node. No other
-    /// sender takes the list lane of the node `protected`, for example the node whose command
-    /// was followed last; 0 protects no node. `now_ms` is a clock that wraps.
+    /// Takes a frame. The entries of a list that begin with `own_id` are for this node. `now_ms` is
+    /// a clock that wraps.
     #[inline(always)]
     pub fn accept(
         &mut self,
         segment: Segment<'_, K>,
         own_id: u8,
-        protected: u8,
         now_ms: u16,
     ) -> Verdict<'_, K, KEPT> {
-        self.accept_entries(segment, |id| (id == own_id).then_some(Slot::new(0)), protected, now_ms)
+        self.accept_entries(segment, |id| (id == own_id).then_some(Slot::new(0)), now_ms)
     }
 
     /// Like [`accept`](Self::accept) for a node that uses several entries of a list. `slot_of`
@@ -206,34 +219,31 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         &mut self,
         segment: Segment<'_, K>,
         slot_of: impl Fn(u8) -> Option<Slot>,
-        protected: u8,
         now_ms: u16,
     ) -> Verdict<'_, K, KEPT> {
         let Segment { kind, source, priority, tail, mut payload } = segment;
         let entry_len = kind.entry_len();
-        let timeout_ms;
+        let expires_ms;
         let lane = if tail.is_single() {
             // The transfer is complete at once.
-            timeout_ms = 0;
-            Some(&mut self.single)
+            expires_ms = now_ms;
+            Some((&mut self.single, 0))
         } else if !kind.is_multi_frame() || source == 0 {
             return Verdict::Rejected(Rejection::Malformed);
-        } else if kind.has_own_lanes() {
-            timeout_ms = LIST_FRAME_TIMEOUT_MS;
-            lane(&mut self.lists, kind, source, tail.is_start(), protected)
         } else {
-            timeout_ms = FRAME_TIMEOUT_MS;
-            lane(&mut self.others, kind, source, tail.is_start(), 0)
+            let (lanes, timeout_ms): (&mut [Transfer<K, KEPT>], u16) = if kind.has_own_lanes() {
+                (&mut self.lists, LIST_FRAME_TIMEOUT_MS)
+            } else {
+                (&mut self.others, FRAME_TIMEOUT_MS)
+            };
+            expires_ms = now_ms.wrapping_add(timeout_ms);
+            lane(lanes, kind, source, tail.is_start(), expires_ms)
         };
         let mut verdict = Verdict::More;
-        let Some(lane) = lane else {
+        let Some((lane, inherited)) = lane else {
             // A frame that continues no transfer came twice, or its transfer was lost and reported
             // before.
-            return if tail.is_start() {
-                Verdict::Rejected(Rejection::Interleaved)
-            } else {
-                verdict
-            };
+            return verdict;
         };
         if tail.is_start() {
             if tail.toggle() {
@@ -243,17 +253,23 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
                 let &[low, high, ref rest @ ..] = payload else {
                     return Verdict::Rejected(Rejection::Malformed);
                 };
+                payload = rest;
+                let trusted = self.trust.replace(source, 0);
+                if lane.is_open {
+                    verdict = Verdict::Rejected(Rejection::Broken);
+                    if lane.source != source || K::LANE_FOR_EACH_TYPE && lane.kind != kind {
+                        verdict = Verdict::Rejected(Rejection::Interleaved);
+                        if lane.is_held(expires_ms)
+                            && self.trust.keeps(lane.trusted, trusted | inherited)
+                        {
+                            self.trust.replace(source, trusted);
+                            return verdict;
+                        }
+                    }
+                }
+                lane.trusted = trusted | inherited;
                 lane.crc = [low, high];
                 lane.sum = kind.seed();
-                payload = rest;
-            }
-            if lane.is_open {
-                let is_own = lane.source == source;
-                verdict = Verdict::Rejected(if is_own {
-                    Rejection::Broken
-                } else {
-                    Rejection::Interleaved
-                });
             }
             lane.begin(kind, source, priority);
             // A single-frame transfer is complete at once.
@@ -262,14 +278,21 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
             return verdict;
         }
         lane.tail = tail;
-        lane.expires_ms = now_ms.wrapping_add(timeout_ms);
-        lane.take(payload, entry_len, slot_of);
+        lane.expires_ms = expires_ms;
+        if K::TAKES_ENTRIES {
+            lane.take_entries(payload, entry_len, slot_of);
+        } else {
+            lane.take(payload, entry_len, slot_of);
+        }
         if !tail.is_end() {
             return verdict;
         }
         lane.is_open = false;
-        if !tail.is_single() && lane.sum.to_le_bytes() != lane.crc {
-            return Verdict::Rejected(Rejection::Broken);
+        if !tail.is_single() {
+            if lane.sum.to_le_bytes() != lane.crc {
+                return Verdict::Rejected(Rejection::Broken);
+            }
+            self.trust.replace(lane.source, 0xFF);
         }
         if entry_len != 0 {
             if lane.len != 0 || lane.entries > kind.most_entries() {
@@ -281,29 +304,40 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
     }
 }
 
-/// Returns the lane of this sender's transfer of this type, or a lane for a transfer that begins:
-/// see the module's invariants.
+/// Returns the lane of the transfer that this frame continues or begins again; else, for a first
+/// frame, the lane that is free or is given up most readily. With it the trust that the sender has
+/// because of another transfer that it is sending. `expires_ms`: when a transfer would expire whose
+/// frame came now.
 #[inline(always)]
-fn lane<K: Received, const N: usize, const KEPT: usize>(
-    lanes: &mut [Transfer<K, KEPT>; N],
+fn lane<K: Received, const KEPT: usize>(
+    lanes: &mut [Transfer<K, KEPT>],
     kind: K,
     source: u8,
     is_start: bool,
-    protected: u8,
-) -> Option<&mut Transfer<K, KEPT>> {
+    expires_ms: u16,
+) -> Option<(&mut Transfer<K, KEPT>, u8)> {
+    // There is no choice, and the compiler does not see it below.
+    if lanes.len() == 1 {
+        let [lane] = lanes else { return None };
+        return (is_start || lane.is_open && lane.source == source).then_some((lane, 0));
+    }
     let mut chosen = None;
-    // A free lane is preferred to the lane of another sender.
-    let mut is_free = false;
+    let mut inherited = 0;
+    let mut least = Hold::None;
     for lane in lanes {
-        if lane.is_open && lane.source == source && (!K::LANE_FOR_EACH_TYPE || lane.kind == kind) {
-            return Some(lane);
+        if lane.is_open && lane.source == source {
+            if !K::LANE_FOR_EACH_TYPE || lane.kind == kind {
+                return Some((lane, 0));
+            }
+            inherited |= lane.trusted;
         }
-        if is_start && !is_free && (!lane.is_open || lane.source != protected) {
-            is_free = !lane.is_open;
+        let hold = lane.hold(expires_ms);
+        if is_start && hold < least {
+            least = hold;
             chosen = Some(lane);
         }
     }
-    chosen
+    chosen.map(|lane| (lane, inherited))
 }
 
 impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Default

@@ -212,9 +212,15 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         State {
             is_due: self.is_due(now_ms),
             is_running: self.is_running(),
-            is_empty: self.tx_waiting == 0,
+            is_empty: self.is_empty(),
             has_room: self.room.is_some(),
         }
+    }
+
+    /// As [`State::is_empty`].
+    #[inline(always)]
+    pub fn is_empty(&self) -> bool {
+        self.tx_waiting == 0
     }
 
     #[inline(always)]

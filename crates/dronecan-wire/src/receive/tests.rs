@@ -10,6 +10,8 @@ use crate::types;
 mod lanes;
 mod payload;
 mod rejected;
+mod simulation;
+mod trusted;
 
 const ME: u8 = 120;
 const ACTUATOR: u8 = 1;
@@ -127,7 +129,6 @@ struct Rig {
     me: u8,
     actuator: u8,
     light: u8,
-    protected: u8,
     rejection: Option<Rejection>,
 }
 
@@ -139,7 +140,6 @@ impl Rig {
             me: ME,
             actuator: ACTUATOR,
             light: LIGHT,
-            protected: 0,
             rejection: None,
         }
     }
@@ -162,7 +162,7 @@ impl Rig {
             Kind::LightsCommand => self.light,
             _ => self.actuator,
         };
-        match self.receiver.accept(segment, own_id, self.protected, self.now_ms) {
+        match self.receiver.accept(segment, own_id, self.now_ms) {
             Verdict::More => None,
             Verdict::Message(transfer) => {
                 assert!(!transfer.kind.is_request());

@@ -1,6 +1,7 @@
 //! A transfer that is being received, and the bytes that are kept of it.
 
 use super::Received;
+use super::trust::HOLD_MS;
 use crate::bits::Tail;
 use crate::crc;
 
@@ -25,7 +26,7 @@ impl Slot {
 }
 
 /// The place of an entry that is not kept.
-const NOWHERE: u8 = 0xFF;
+const NOWHERE: u8 = 0x80;
 
 /// A transfer that is being received, or is complete. Each lane of the [`Receiver`] holds one
 /// transfer.
@@ -33,6 +34,8 @@ const NOWHERE: u8 = 0xFF;
 pub struct Transfer<K, const KEPT: usize> {
     /// The transfer is not complete.
     pub(super) is_open: bool,
+    /// See [`Trust`](super::Trust): not 0 if the sender was trusted when the transfer began.
+    pub(super) trusted: u8,
     /// The type of the transfer.
     pub kind: K,
     /// Node ID of the sender, or 0 if the sender is anonymous.
@@ -58,9 +61,25 @@ pub struct Transfer<K, const KEPT: usize> {
     pub(super) bytes: [u8; KEPT],
 }
 
+/// How readily a transfer gives up its lane to another sender's, the most readily first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Hold {
+    /// No transfer is being received.
+    Free,
+    /// The next frame is late.
+    Idle,
+    /// A frame has just come.
+    Held,
+    /// A frame of a trusted sender has just come.
+    Trusted,
+    /// There is no lane.
+    None,
+}
+
 impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     pub(super) const NONE: Self = Self {
         is_open: false,
+        trusted: 0,
         kind: K::UNKNOWN,
         source: 0,
         priority: 0,
@@ -109,6 +128,24 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         &self.bytes
     }
 
+    /// True for a short time after a frame of a transfer that is not complete: see [`HOLD_MS`].
+    /// `expires_ms`: when a transfer would expire whose frame came now.
+    #[inline(always)]
+    pub(super) fn is_held(&self, expires_ms: u16) -> bool {
+        self.is_open && expires_ms.wrapping_sub(self.expires_ms) < HOLD_MS
+    }
+
+    /// How readily the transfer gives up its lane.
+    #[inline(always)]
+    pub(super) fn hold(&self, expires_ms: u16) -> Hold {
+        match self.is_held(expires_ms) {
+            _ if !self.is_open => Hold::Free,
+            false => Hold::Idle,
+            true if self.trusted == 0 => Hold::Held,
+            true => Hold::Trusted,
+        }
+    }
+
     /// Begins a transfer with its first frame.
     #[inline(always)]
     pub(super) fn begin(&mut self, kind: K, source: u8, priority: u8) {
@@ -147,9 +184,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                     self.slots |= slot.bit;
                 }
             }
-            if kept_at != NOWHERE
-                && let Some(place) = self.bytes.get_mut(usize::from(kept_at + len))
-            {
+            if let Some(place) = self.bytes.get_mut(usize::from(kept_at.wrapping_add(len))) {
                 *place = byte;
             }
             if len != u8::MAX {
@@ -158,6 +193,47 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             if len == entry_len {
                 len = 0;
                 // Of more than 255 entries a wrong CRC would match once in 65,536 times.
+                self.entries = self.entries.wrapping_add(1);
+            }
+        }
+        (self.len, self.kept_at) = (len, kept_at);
+    }
+
+    /// The same in less time: looks up the slot once for all bytes of an entry.
+    #[inline(always)]
+    pub(super) fn take_entries(
+        &mut self,
+        payload: &[u8],
+        entry_len: u8,
+        slot_of: impl Fn(u8) -> Option<Slot>,
+    ) {
+        if self.is_open {
+            self.sum = payload.iter().fold(self.sum, |sum, &byte| crc::step(sum, byte));
+        }
+        let (mut len, mut kept_at) = (self.len, self.kept_at);
+        let mut rest = payload;
+        while let &[first, ..] = rest {
+            // A payload is at most seven bytes of a frame.
+            let mut run = rest.len() as u8;
+            if entry_len != 0 {
+                if len == 0 {
+                    kept_at = NOWHERE;
+                    if let Some(slot) = slot_of(first) {
+                        kept_at = slot.at;
+                        self.slots |= slot.bit;
+                    }
+                }
+                run = run.min(entry_len - len);
+            }
+            let Some((taken, later)) = rest.split_at_checked(usize::from(run)) else { break };
+            rest = later;
+            let places = self.bytes.get_mut(usize::from(kept_at.wrapping_add(len))..);
+            for (place, byte) in places.unwrap_or(&mut []).iter_mut().zip(taken) {
+                *place = *byte;
+            }
+            len = len.saturating_add(run);
+            if len == entry_len {
+                len = 0;
                 self.entries = self.entries.wrapping_add(1);
             }
         }

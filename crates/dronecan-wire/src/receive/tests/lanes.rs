@@ -10,6 +10,7 @@ fn each_lane_serves_one_sender_and_one_more_sender_displaces_one() {
     for frames in &first {
         assert_eq!(rig.rejects(&frames[0]), None);
     }
+    rig.now_ms += trust::HOLD_MS;
     let newcomer = two(100, 1, 1);
     assert_eq!(
         rig.rejects(&newcomer[0]),
@@ -23,42 +24,6 @@ fn each_lane_serves_one_sender_and_one_more_sender_displaces_one() {
         assert_eq!(rig.rejection, None, "that was counted already");
     }
     assert_eq!(came, LIST_LANES - 1);
-}
-
-#[test]
-fn the_list_of_the_protected_sender_is_never_displaced() {
-    let mut rig = Rig { protected: 10, ..Rig::new() };
-    let ours = command(10, 1, &[(1, 0, 1); 8]);
-    let mut completed = 0;
-    for (n, frame) in ours.iter().enumerate() {
-        let transfer = rig.frame(frame);
-        assert_eq!(rig.rejection, None, "frame {n}");
-        completed += usize::from(transfer.is_some());
-        // After each frame as many other senders as there are lanes begin a list.
-        if n + 1 < ours.len() {
-            for source in 0..LIST_LANES as u32 {
-                rig.frame(&two(20 + source, n as u8, 7)[0]);
-            }
-        }
-    }
-    assert_eq!(completed, 1);
-}
-
-#[test]
-fn a_transfer_without_a_lane_is_rejected_once_and_the_next_one_is_received() {
-    let mut lanes = [Transfer::NONE; 1];
-    lane(&mut lanes, Kind::ArrayCommand, 10, true, 10).unwrap().begin(Kind::ArrayCommand, 10, 16);
-    assert!(lane(&mut lanes, Kind::ArrayCommand, 11, true, 10).is_none());
-    if LIST_LANES > 1 {
-        return;
-    }
-    let mut rig = Rig { protected: 10, ..Rig::new() };
-    let (ours, theirs) = (two(10, 1, 1), two(11, 1, 2));
-    assert_eq!(rig.rejects(&ours[0]), None);
-    assert_eq!(rig.rejects(&theirs[0]), Some(Rejection::Interleaved));
-    assert_eq!(rig.rejects(&theirs[1]), None, "counted once");
-    assert_eq!(entry(rig.frame(&ours[1])), Some((0, 1)));
-    assert_eq!(entry(rig.all(&two(11, 2, 3))), Some((0, 3)));
 }
 
 #[test]
@@ -94,22 +59,8 @@ fn commands_and_requests_and_transfers_of_one_frame_may_interleave() {
 }
 
 #[test]
-fn a_request_of_the_protected_sender_may_be_displaced() {
-    let mut rig = Rig { protected: 127, ..Rig::new() };
-    for n in 0..REQUEST_LANES as u32 {
-        assert_eq!(
-            rig.rejects(&golden::transfer(0x1E0B_F8FF - n, golden::GET_SET, 0, &[0; 12])[0]),
-            None
-        );
-    }
-    let newcomer = golden::transfer(0x1E0B_F881, golden::GET_SET, 5, &[7; 12]);
-    assert_eq!(rig.rejects(&newcomer[0]), Some(Rejection::Interleaved));
-    assert_eq!(rig.frame(&newcomer[1]).unwrap().source, 1);
-}
-
-#[test]
-fn after_the_timeout_another_sender_takes_even_the_protected_lane() {
-    let mut rig = Rig { protected: 10, ..Rig::new() };
+fn after_the_timeout_another_sender_gets_the_lane() {
+    let mut rig = Rig::new();
     for n in 0..LIST_LANES as u32 {
         rig.frame(&two(10 + n, 1, 1)[0]);
     }
@@ -140,51 +91,6 @@ fn a_list_is_being_received_from_its_first_frame_to_its_last_or_until_it_expires
     rig.frame(&golden::frames(SET)[0]);
     assert!(!rig.receiver.is_receiving_list(), "a request");
     assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::GetSet));
-}
-
-/// Two lanes with open transfers of these senders.
-fn two_lanes(open: [Option<u8>; 2]) -> [Transfer; 2] {
-    open.map(|open| {
-        let mut lane = Transfer::NONE;
-        if let Some(source) = open {
-            lane.begin(Kind::ArrayCommand, source, 16);
-        }
-        lane
-    })
-}
-
-/// Returns the index of the lane that a sender gets of two lanes.
-fn chosen(open: [Option<u8>; 2], source: u8, is_start: bool, protected: u8) -> Option<usize> {
-    let mut lanes = two_lanes(open);
-    let first = &raw const lanes[0];
-    let lane = lane(&mut lanes, Kind::ArrayCommand, source, is_start, protected)?;
-    Some(usize::from(!std::ptr::eq(lane, first)))
-}
-
-#[test]
-fn of_two_lanes_a_sender_gets_its_own() {
-    for is_start in [false, true] {
-        assert_eq!(chosen([Some(10), Some(11)], 10, is_start, 11), Some(0));
-        assert_eq!(chosen([Some(10), Some(11)], 11, is_start, 10), Some(1));
-        assert_eq!(chosen([None, Some(11)], 11, is_start, 11), Some(1), "though another is free");
-    }
-}
-
-#[test]
-fn of_two_lanes_a_new_sender_gets_a_free_one_or_else_one_that_is_not_protected() {
-    assert_eq!(chosen([None, None], 12, true, 0), Some(0));
-    assert_eq!(chosen([Some(10), None], 12, true, 0), Some(1));
-    assert_eq!(chosen([None, Some(11)], 12, true, 0), Some(0));
-    assert_eq!(chosen([Some(10), Some(11)], 12, true, 10), Some(1));
-    assert_eq!(chosen([Some(10), Some(11)], 12, true, 11), Some(0));
-    assert!(chosen([Some(10), Some(11)], 12, true, 0).is_some());
-}
-
-#[test]
-fn a_later_frame_gets_no_lane_but_that_of_its_sender() {
-    for open in [[None, None], [Some(10), None], [Some(10), Some(11)]] {
-        assert_eq!(chosen(open, 12, false, 0), None, "{open:?}");
-    }
 }
 
 #[test]

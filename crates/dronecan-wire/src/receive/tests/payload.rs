@@ -183,7 +183,7 @@ fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
         for frame in &frames {
             let segment =
                 Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
-            if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot_of, 0, 0) {
+            if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot_of, 0) {
                 complete = Some(*transfer);
             }
         }

@@ -1,0 +1,278 @@
+//! Which of two senders gets a lane.
+
+use super::*;
+
+const A: u32 = 10;
+const B: u32 = 110;
+
+/// A list of two frames of the sender.
+fn list(source: u32) -> [Frame; 2] {
+    two(source, 1, 7)
+}
+
+/// A rig in which these senders are trusted: their last list was complete.
+fn rig(trusted: &[u32]) -> Rig {
+    let mut rig = Rig::new();
+    for &source in trusted {
+        assert!(rig.all(&list(source)).is_some());
+    }
+    rig
+}
+
+/// `owner` begins a list, and `newcomer` another, `after_ms` later. Returns whose is completed.
+fn who_completes(rig: &mut Rig, owner: u32, newcomer: u32, after_ms: u16) -> u32 {
+    assert_eq!(rig.rejects(&list(owner)[0]), None);
+    rig.now_ms = rig.now_ms.wrapping_add(after_ms);
+    assert_eq!(rig.rejects(&list(newcomer)[0]), Some(Rejection::Interleaved));
+    let second = rig.frame(&list(newcomer)[1]);
+    assert_eq!(rig.rejection, None, "a lost transfer is reported once");
+    let first = rig.frame(&list(owner)[1]);
+    assert_eq!(rig.rejection, None, "a lost transfer is reported once");
+    match (first, second) {
+        (Some(_), None) => owner,
+        (None, Some(_)) => newcomer,
+        both => panic!("{both:?}"),
+    }
+}
+
+#[test]
+fn the_first_of_two_senders_keeps_its_lane_for_at_least_three_and_at_most_four_milliseconds() {
+    for trusted in [&[][..], &[A], &[A, B]] {
+        for start_ms in [0, 200, 32_767, 65_530, 65_533, u16::MAX] {
+            for after_ms in (0..=50).chain([51, 60]) {
+                let mut rig = rig(trusted);
+                rig.now_ms = start_ms;
+                // A frame that came just before the clock advanced is up to 1 ms younger.
+                let expected = if after_ms < 4 { A } else { B };
+                assert_eq!(
+                    who_completes(&mut rig, A, B, after_ms),
+                    expected,
+                    "{trusted:?}, {after_ms} ms after {start_ms}"
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn each_frame_holds_the_lane() {
+    let long = command(A, 1, &[(1, 0, 1); 15]);
+    let mut rig = rig(&[A]);
+    for (n, frame) in long.iter().enumerate() {
+        assert_eq!(rig.frame(frame).is_some(), n == 8, "frame {n}");
+        rig.now_ms += 3;
+        if n < 8 {
+            assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved), "after frame {n}");
+        }
+    }
+}
+
+#[test]
+fn a_trusted_sender_displaces_one_that_is_not_trusted_at_once() {
+    for after_ms in 0..10 {
+        assert_eq!(who_completes(&mut rig(&[B]), A, B, after_ms), B, "{after_ms} ms");
+    }
+}
+
+/// Each node ID has a bit of its own.
+#[test]
+fn no_sender_is_trusted_because_another_is() {
+    for trusted in 1..=127 {
+        for other in (0..7).map(|bit| trusted ^ 1 << bit) {
+            if ![0, ME].contains(&(trusted as u8)) && ![0, ME].contains(&(other as u8)) {
+                assert_eq!(who_completes(&mut rig(&[trusted]), other, trusted, 0), trusted);
+            }
+        }
+    }
+}
+
+#[test]
+fn a_sender_that_loses_a_transfer_is_trusted_no_longer_until_it_completes_one() {
+    let losses: [(&str, fn(&mut Rig)); 4] = [
+        ("expired", |rig| {
+            rig.frame(&list(A)[0]);
+            rig.now_ms += 51;
+            assert!(rig.receiver.expire(rig.now_ms).is_some());
+        }),
+        ("begun again", |rig| {
+            rig.frame(&list(A)[0]);
+            assert_eq!(rig.rejects(&list(A)[0]), Some(Rejection::Broken));
+            // The transfer that replaces it is not trusted, either.
+            assert!(rig.all(&list(B)).is_some());
+        }),
+        ("wrong CRC", |rig| {
+            let mut frames = list(A);
+            frames[1].data[0] ^= 1;
+            assert_eq!((rig.all(&frames), rig.rejection), (None, Some(Rejection::Broken)));
+        }),
+        ("displaced", |rig| {
+            rig.frame(&list(A)[0]);
+            rig.now_ms += 4;
+            assert!(rig.all(&list(B)).is_some());
+        }),
+    ];
+    for (name, lose) in losses {
+        let mut rig = rig(&[A, B]);
+        lose(&mut rig);
+        assert_eq!(who_completes(&mut rig, A, B, 0), B, "{name}");
+        assert!(rig.all(&list(A)).is_some());
+        assert_eq!(who_completes(&mut rig, A, B, 0), A, "{name}, then complete");
+    }
+}
+
+#[test]
+fn a_sender_that_is_refused_is_still_trusted() {
+    let mut rig = rig(&[A, B]);
+    assert_eq!(who_completes(&mut rig, A, B, 0), A);
+    assert_eq!(who_completes(&mut rig, 20, B, 0), B);
+}
+
+#[test]
+fn a_transfer_of_one_frame_changes_no_trust() {
+    let mut rig = rig(&[]);
+    assert!(rig.all(&command(A, 1, &[(1, 0, 1)])).is_some());
+    assert!(rig.all(&list(B)).is_some());
+    assert_eq!(who_completes(&mut rig, A, B, 0), B);
+    // And takes none.
+    assert!(rig.all(&command(B, 1, &[(1, 0, 1)])).is_some());
+    assert_eq!(who_completes(&mut rig, A, B, 0), B);
+}
+
+#[test]
+fn of_senders_that_are_not_trusted_one_in_sixteen_gets_the_lane() {
+    let mut rig = rig(&[]);
+    assert_eq!(rig.rejects(&list(A)[0]), None);
+    let mut owner = A;
+    let mut changed = Vec::new();
+    for n in 1..=600 {
+        let newcomer = if owner == A { B } else { A };
+        assert_eq!(rig.rejects(&list(newcomer)[0]), Some(Rejection::Interleaved));
+        if rig.receiver.lists[0].source == newcomer as u8 {
+            owner = newcomer;
+            changed.push(n);
+        }
+    }
+    assert_eq!(changed, (1..=37).map(|n| 16 * n).collect::<Vec<_>>());
+}
+
+/// A node with a lane for each type and sender.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Each(Kind);
+
+impl Received for Each {
+    const UNKNOWN: Self = Self(Kind::Unknown);
+    const LANE_FOR_EACH_TYPE: bool = true;
+    fn of_message(data_type: u16) -> Self {
+        Self(Kind::of_message(data_type))
+    }
+    fn of_request(service: u8) -> Self {
+        Self(Kind::of_request(service))
+    }
+    fn is_request(self) -> bool {
+        self.0.is_request()
+    }
+    fn is_multi_frame(self) -> bool {
+        self.0.is_multi_frame()
+    }
+    fn entry_len(self) -> u8 {
+        self.0.entry_len()
+    }
+    fn seed(self) -> u16 {
+        self.0.seed()
+    }
+}
+
+type Many<K, const N: usize> = Receiver<K, N, N, KEPT>;
+type Two<K> = Many<K, 2>;
+
+/// Takes frames at this time. Returns the result of the last one: true for a complete transfer.
+fn takes<K: Received, const N: usize>(
+    receiver: &mut Many<K, N>,
+    frames: &[Frame],
+    now_ms: u16,
+) -> Result<bool, Rejection> {
+    let mut last = Ok(false);
+    for frame in frames {
+        let id = Id::from_bytes(frame.id.to_be_bytes());
+        let segment = Segment::read(id, &frame.data, ME).unwrap();
+        last = match receiver.accept(segment, ACTUATOR, now_ms) {
+            Verdict::More => Ok(false),
+            Verdict::Message(_) | Verdict::Request(_) => Ok(true),
+            Verdict::Rejected(rejection) => Err(rejection),
+        };
+    }
+    last
+}
+
+#[test]
+fn of_two_lanes_a_new_sender_gets_the_one_that_is_given_up_most_readily() {
+    // Node 30 is trusted when it begins, nodes 31 and 32 are not. (First: begun 10 ms before.)
+    for (first, second, lost) in
+        [(None, 30, None), (Some(30), 31, Some(30)), (Some(31), 30, Some(31))]
+    {
+        for is_swapped in [false, true] {
+            let mut receiver = Two::<Kind>::new();
+            for trusted in [30, A] {
+                assert_eq!(takes(&mut receiver, &list(trusted), 0), Ok(true));
+            }
+            let mut senders = [first.map(|source| (source, 0)), Some((second, 10))];
+            if is_swapped {
+                senders.swap(0, 1);
+            }
+            for (source, at_ms) in senders.into_iter().flatten() {
+                assert_eq!(takes(&mut receiver, &list(source)[..1], at_ms), Ok(false));
+            }
+            let begins = takes(&mut receiver, &list(A)[..1], 10);
+            assert_eq!(begins, lost.map_or(Ok(false), |_| Err(Rejection::Interleaved)));
+            assert_eq!(takes(&mut receiver, &list(A)[1..], 10), Ok(true));
+            let end = takes(&mut receiver, &list(second)[1..], 10);
+            assert_eq!(end, Ok(true), "{first:?} {second} {is_swapped}");
+            if let Some(lost) = lost {
+                assert_eq!(takes(&mut receiver, &list(lost)[1..], 10), Ok(false));
+            }
+        }
+    }
+    // Both have just begun: the one that was not trusted gives up its lane.
+    for order in [[30, 31], [31, 30]] {
+        let mut receiver = Two::<Kind>::new();
+        for trusted in [30, A] {
+            takes(&mut receiver, &list(trusted), 0).unwrap();
+        }
+        for source in order {
+            assert_eq!(takes(&mut receiver, &list(source)[..1], 10), Ok(false));
+        }
+        assert_eq!(takes(&mut receiver, &list(A), 10), Ok(true));
+        assert_eq!(takes(&mut receiver, &list(30)[1..], 10), Ok(true), "{order:?}");
+        assert_eq!(takes(&mut receiver, &list(31)[1..], 10), Ok(false), "{order:?}");
+    }
+}
+
+#[test]
+fn a_sender_is_trusted_while_it_sends_another_type() {
+    let lights = golden::transfer(0x1804_390A, golden::LIGHTS_COMMAND, 3, &[LIGHT; 12]);
+    let mut receiver = Two::<Each>::new();
+    for trusted in [A, B] {
+        assert_eq!(takes(&mut receiver, &list(trusted), 0), Ok(true));
+    }
+    assert_eq!(takes(&mut receiver, &list(A)[..1], 0), Ok(false));
+    // Node 30's list has the other lane. It is not trusted, so it gives it up.
+    assert_eq!(takes(&mut receiver, &list(30)[..1], 0), Ok(false));
+    assert_eq!(takes(&mut receiver, &lights[..1], 0), Err(Rejection::Interleaved));
+    // Now both lanes are of a trusted sender.
+    assert_eq!(takes(&mut receiver, &list(B)[..1], 0), Err(Rejection::Interleaved));
+    assert_eq!(takes(&mut receiver, &list(A)[1..], 0), Ok(true));
+    assert_eq!(takes(&mut receiver, &lights[1..], 0), Ok(true));
+}
+
+#[test]
+fn with_one_lane_a_sender_s_other_type_waits_as_another_sender_s() {
+    let lights = golden::transfer(0x1804_390A, golden::LIGHTS_COMMAND, 3, &[LIGHT; 12]);
+    for (after_ms, is_kept) in [(0, true), (3, true), (4, false)] {
+        let mut receiver = Many::<Each, 1>::new();
+        assert_eq!(takes(&mut receiver, &list(A)[..1], 0), Ok(false));
+        let begins = takes(&mut receiver, &lights[..1], after_ms);
+        assert_eq!(begins, Err(Rejection::Interleaved));
+        assert_eq!(takes(&mut receiver, &list(A)[1..], after_ms), Ok(is_kept));
+        assert_eq!(takes(&mut receiver, &lights[1..], after_ms), Ok(!is_kept));
+    }
+}
