@@ -1,25 +1,27 @@
-//! The node on a desk: a board of plain variables, for the tests and the fuzzer.
+//! The program on a desk: a board of plain variables, for the tests and the fuzzer.
 //!
-//! [`Desk::turn`] takes one turn of the main loop in `src/main.rs`, with the same [`Agenda`]. Time
-//! stands still during turns and passes only in [`Desk::pass`]. A test can read and change every
-//! part of the desk at any time.
+//! [`Desk::turn`] takes one turn of the [program](crate::program). Time stands still during turns
+//! and passes only in [`Desk::pass`]. A test can read and change all of it at any time: the node
+//! and its modules in [`Desk::program`], and the board, which a desk derefs to.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
+use std::ops::{Deref, DerefMut};
 use std::vec::Vec;
 
-use mcp2515_ordered::{Counters, Frame};
+use mcp2515_ordered::{Attempts, Configuration, Counters, Frame, Notice, State};
 
+use crate::handover::REQUEST_LEN;
 use crate::hardware::{Input, OUTPUTS};
 use crate::image::InMemory;
-use crate::monitor::Monitor;
-use crate::node::Node;
 use crate::node::acceptance::NodeAcceptance;
-use crate::node::agenda::{Agenda, Entry, Facts, Turn};
+use crate::node::agenda::Turn;
 use crate::node::condition::ResetCause;
-use crate::node::servo::{Output, Ticks};
+use crate::node::parameters::Parameters;
 use crate::node::store::{Address, EEPROM_LEN, Eeprom};
-use crate::node::wire::Receiver;
+use crate::parts::outputs::Pulses;
+use crate::parts::outputs::travel::Ticks;
+use crate::program::{Board, Program};
 
 /// Bytes that the UART sends in a millisecond at 115200 baud.
 const BYTES_PER_MS: u32 = 11;
@@ -98,7 +100,7 @@ impl Eeprom for Memory {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Servos(pub [Ticks; OUTPUTS]);
 
-impl Output for Servos {
+impl Pulses for Servos {
     fn set(&mut self, output: usize, width: Ticks) {
         self.0[output] = width;
     }
@@ -125,16 +127,8 @@ pub struct Controller {
     has_found_room: bool,
 }
 
-/// The node and its board. See the module.
-pub struct Desk {
-    /// The node.
-    pub node: Node,
-    /// The node's incoming transfers.
-    pub receiver: Receiver,
-    /// The node's log.
-    pub monitor: Monitor,
-    /// Chooses the next turn of the main loop.
-    pub agenda: Agenda,
+/// The board.
+pub struct Table {
     /// The EEPROM, which survives a reset.
     pub memory: Memory,
     /// The outputs.
@@ -146,170 +140,248 @@ pub struct Desk {
     /// Readings of the temperature sensor, used alternately.
     pub readings: [u16; 2],
     /// Readings of the circuit's voltage and current.
-    #[cfg(feature = "power")]
     pub circuit: [u16; 2],
-    /// The input that the ADC measures.
-    input: Input,
+    /// The brightness of the light.
+    pub light: u8,
     /// True while the button is pressed.
     pub is_pressed: bool,
     /// True if a question mark was received on the serial port.
     pub is_asked: bool,
     /// The bytes logged on the serial port.
     pub log: Vec<u8>,
+    /// True if the chip has a bootloader for updates over the bus.
+    pub has_loader: bool,
     /// True once the node asked for a restart of the program.
     pub is_to_restart: bool,
+    /// The request that the bootloader got.
+    pub request: Option<[u8; REQUEST_LEN]>,
+    cause: ResetCause,
+    noise: u8,
+    /// The input that the ADC measures.
+    input: Input,
     passed_ms: u8,
 }
 
-impl Desk {
-    /// Starts a node with this EEPROM.
-    pub fn start(mut memory: Memory, cause: ResetCause) -> Self {
-        memory.settle();
-        let mut desk = Self {
-            node: Node::new(),
-            receiver: Receiver::new(),
-            monitor: Monitor::new(),
-            agenda: Agenda::new(),
-            memory,
-            servos: Servos([0; OUTPUTS]),
-            can: Controller {
-                received: VecDeque::new(),
-                sent: Vec::new(),
-                room: u32::MAX,
-                is_held: false,
-                filters: None,
-                filters_set: 0,
-                counters: Counters::new(),
-                is_due: false,
-                is_empty: true,
-                has_found_room: false,
-            },
-            ms: 0,
-            // The average of 51.5 is 25.15 degrees Celsius for an LM35.
-            readings: [51, 52],
-            #[cfg(feature = "power")]
-            circuit: [0; 2],
-            input: Input::Sensor,
-            is_pressed: false,
-            is_asked: false,
-            log: Vec::new(),
-            is_to_restart: false,
-            passed_ms: 0,
-        };
-        let mut noise = 7u8;
-        let jitter = || {
-            noise = noise.wrapping_mul(37).wrapping_add(11);
-            noise
-        };
-        desk.node.start(cause, &mut desk.memory, jitter, InMemory, &mut desk.monitor);
-        desk
+impl Board for Table {
+    type Flash = InMemory;
+    type Outputs = Servos;
+    type Eeprom = Memory;
+    type Counters = Counters;
+
+    const FLASH: InMemory = InMemory;
+
+    fn reset_cause(&mut self) -> ResetCause {
+        self.cause
     }
 
-    /// The node's clock.
-    pub fn now_ms(&self) -> u16 {
+    fn eeprom_and_noise(&mut self) -> (&mut Memory, impl FnMut() -> u8) {
+        let Self { memory, noise, .. } = self;
+        (memory, || {
+            *noise = noise.wrapping_mul(37).wrapping_add(11);
+            *noise
+        })
+    }
+
+    fn start(&mut self, _: &Parameters, _: Configuration<NodeAcceptance<InMemory>>) {}
+
+    fn has_ticked(&self) -> bool {
+        self.passed_ms != 0
+    }
+
+    fn tick(&mut self) -> u8 {
+        self.can.is_due = true;
+        core::mem::take(&mut self.passed_ms)
+    }
+
+    fn now_ms(&self) -> u16 {
         self.ms as u16
     }
 
-    /// Takes one turn of the main loop. Returns the turn.
-    pub fn turn(&mut self) -> Turn {
-        let now_ms = self.now_ms();
-        let Self { node, receiver, monitor, can, memory, servos, .. } = self;
-        let is_empty = can.is_empty;
-        let turn = self.agenda.next(!can.received.is_empty(), node.entry(), || Facts {
-            has_ticked: self.passed_ms != 0,
-            has_chore: node.has_chore(),
-            is_controller_due: can.is_due,
-            wants_filters: node.wants_filters(is_empty, receiver),
-            is_on_bus: true,
-            has_room: can.has_found_room,
-            has_frame_to_send: node.is_ready(),
-            has_to_send: node.has_to_send(),
-        });
-        match turn {
-            Turn::TakeFrame => {
-                if let Some(frame) = can.received.pop_front() {
-                    node.receive(
-                        &frame,
-                        receiver,
-                        now_ms,
-                        || !can.received.is_empty(),
-                        InMemory,
-                        monitor,
-                        servos,
-                    );
-                }
-            }
-            Turn::Tick => {
-                let passed_ms = core::mem::take(&mut self.passed_ms);
-                can.is_due = true;
-                node.expire(receiver, now_ms, monitor);
-                node.tick(passed_ms, now_ms, memory, monitor);
-                node.show(servos);
-                #[cfg(feature = "button")]
-                node.read_button(self.is_pressed, passed_ms, monitor);
-                let next = node.next_input();
-                let reading = match core::mem::replace(&mut self.input, next) {
-                    Input::Sensor => self.readings[(self.ms & 1) as usize],
-                    #[cfg(feature = "power")]
-                    Input::Voltage => self.circuit[0],
-                    #[cfg(feature = "power")]
-                    Input::Current => self.circuit[1],
-                };
-                node.read_input(reading, next);
-                self.is_to_restart |= node.is_to_restart(now_ms);
-            }
-            #[cfg(feature = "outputs")]
-            Turn::Follow => node.follow_next(now_ms, monitor, servos),
-            Turn::DoChore => node.do_chore(monitor),
-            Turn::PollController => {
-                can.is_due = false;
-                if is_empty {
-                    node.controller_is_empty(now_ms);
-                }
-                if !can.is_held {
-                    can.is_due = !is_empty;
-                    can.is_empty = true;
-                }
-            }
-            Turn::SetFilters => {
-                can.filters = Some(node.acceptance(InMemory));
-                can.filters_set += 1;
-                node.filters_are_set();
-            }
-            Turn::FindRoom => can.has_found_room = can.room != 0,
-            Turn::SendFrame => {
-                can.has_found_room = false;
-                if can.room != u32::MAX {
-                    can.room = can.room.saturating_sub(1);
-                }
-                can.sent.push((self.ms, *node.frame()));
-                can.is_empty = false;
-                // A frame leaves at once, so the next turn polls the controller again.
-                can.is_due = true;
-                node.handed_over(now_ms);
-            }
-            Turn::PrepareFrame if node.prepare(&can.counters, InMemory, monitor, now_ms) => {}
-            Turn::PrepareFrame | Turn::Monitor => {
-                if core::mem::take(&mut self.is_asked) {
-                    node.report(monitor);
-                } else {
-                    let byte = monitor.next_byte(InMemory);
-                    if byte != 0 {
-                        self.log.push(byte);
-                    }
-                }
-                return Turn::Monitor;
-            }
-        }
-        turn
+    fn has_frame(&mut self) -> bool {
+        !self.can.received.is_empty()
     }
 
-    /// Takes turns until no received frame and no chore is left.
+    fn act_on_frame(&mut self, act: impl FnOnce(&Frame)) {
+        if let Some(frame) = self.can.received.pop_front() {
+            act(&frame);
+        }
+    }
+
+    fn controller(&mut self, _now_ms: u16) -> State {
+        let Controller { is_due, is_empty, has_found_room, .. } = self.can;
+        State { is_due, is_running: true, is_empty, has_room: has_found_room }
+    }
+
+    fn is_controller_empty(&mut self) -> bool {
+        self.can.is_empty
+    }
+
+    fn poll_controller(&mut self, _now_ms: u16) -> Option<Notice> {
+        self.can.is_due = false;
+        if !self.can.is_held {
+            self.can.is_empty = true;
+        }
+        None
+    }
+
+    fn set_filters(&mut self, _: u16, acceptance: NodeAcceptance<InMemory>, _: Attempts) {
+        self.can.filters = Some(acceptance);
+        self.can.filters_set += 1;
+    }
+
+    fn find_room(&mut self) {
+        self.can.has_found_room = self.can.room != 0;
+    }
+
+    fn send_frame(&mut self, frame: &Frame) {
+        let can = &mut self.can;
+        can.has_found_room = false;
+        if can.room != u32::MAX {
+            can.room = can.room.saturating_sub(1);
+        }
+        can.sent.push((self.ms, *frame));
+        can.is_empty = false;
+        // A frame leaves at once, so the next turn polls the controller again.
+        can.is_due = true;
+    }
+
+    fn counters(&self) -> &Counters {
+        &self.can.counters
+    }
+
+    fn outputs(&mut self) -> &mut Servos {
+        &mut self.servos
+    }
+
+    fn eeprom(&mut self) -> &mut Memory {
+        &mut self.memory
+    }
+
+    fn reading(&mut self, _against_bandgap: bool, next: Input) -> Option<u16> {
+        Some(match core::mem::replace(&mut self.input, next) {
+            Input::Sensor => self.readings[(self.ms & 1) as usize],
+            Input::Voltage => self.circuit[0],
+            Input::Current => self.circuit[1],
+        })
+    }
+
+    fn is_button_pressed(&self) -> bool {
+        self.is_pressed
+    }
+
+    fn set_light(&mut self, brightness: u8) {
+        self.light = brightness;
+    }
+
+    fn received_byte(&mut self) -> Option<u8> {
+        core::mem::take(&mut self.is_asked).then_some(b'?')
+    }
+
+    fn can_send_byte(&self) -> bool {
+        true
+    }
+
+    fn send_byte(&mut self, byte: u8) {
+        if byte != 0 {
+            self.log.push(byte);
+        }
+    }
+
+    fn has_loader(&self) -> bool {
+        self.has_loader
+    }
+
+    fn restart(&mut self, request: Option<&[u8; REQUEST_LEN]>) {
+        self.is_to_restart = true;
+        self.request = request.copied();
+    }
+}
+
+/// The program and its board. See the module.
+pub struct Desk {
+    /// The program.
+    pub program: Program,
+    /// The board.
+    pub board: Table,
+}
+
+impl Deref for Desk {
+    type Target = Table;
+
+    fn deref(&self) -> &Table {
+        &self.board
+    }
+}
+
+impl DerefMut for Desk {
+    fn deref_mut(&mut self) -> &mut Table {
+        &mut self.board
+    }
+}
+
+impl Desk {
+    /// Starts a program with this EEPROM.
+    pub fn start(memory: Memory, cause: ResetCause) -> Self {
+        Self::start_with_loader(memory, cause, false)
+    }
+
+    /// The same on a chip that may have a bootloader for updates over the bus.
+    pub fn start_with_loader(mut memory: Memory, cause: ResetCause, has_loader: bool) -> Self {
+        memory.settle();
+        let mut desk = Self {
+            program: Program::new(),
+            board: Table {
+                memory,
+                servos: Servos([0; OUTPUTS]),
+                can: Controller {
+                    received: VecDeque::new(),
+                    sent: Vec::new(),
+                    room: u32::MAX,
+                    is_held: false,
+                    filters: None,
+                    filters_set: 0,
+                    counters: Counters::new(),
+                    is_due: false,
+                    is_empty: true,
+                    has_found_room: false,
+                },
+                ms: 0,
+                // The average of 51.5 is 25.15 degrees Celsius for an LM35.
+                readings: [51, 52],
+                circuit: [0; 2],
+                light: 0,
+                is_pressed: false,
+                is_asked: false,
+                log: Vec::new(),
+                has_loader,
+                is_to_restart: false,
+                request: None,
+                cause,
+                noise: 7,
+                input: Input::Sensor,
+                passed_ms: 0,
+            },
+        };
+        desk.program.start(&mut desk.board);
+        desk
+    }
+
+    /// The program's clock.
+    pub fn now_ms(&self) -> u16 {
+        self.board.now_ms()
+    }
+
+    /// Takes one turn of the program. Returns the turn.
+    pub fn turn(&mut self) -> Turn {
+        self.program.turn(&mut self.board)
+    }
+
+    /// Takes turns until no received frame, no entry and no chore is left.
     pub fn settle(&mut self) {
         let mut turns = 0;
         while !self.can.received.is_empty()
-            || self.node.entry() != Entry::None
-            || self.node.has_chore()
+            || self.program.node.has_entry()
+            || self.program.node.has_chore()
         {
             self.turn();
             turns += 1;

@@ -32,13 +32,14 @@ pub const UNCHECKED: u16 = 0;
 pub const SOFTWARE_VERSION: u16 = 0x71;
 /// Length of the software version.
 pub const SOFTWARE_VERSION_LEN: usize = 7;
-/// Byte address of the application descriptor, by which file servers know an image: a multiple of 8.
+/// Byte address of the application descriptor, by which file servers know an image: a multiple of
+/// 8.
 pub const DESCRIPTOR: u16 = SOFTWARE_VERSION + SOFTWARE_VERSION_LEN as u16;
 /// Length of the descriptor: signature (8 bytes), CRC of the image (8), length of the image (4),
 /// commit (4), major and minor version, ID of the board (2), reserved (8). Little-endian.
 pub const DESCRIPTOR_LEN: usize = 36;
-/// Offset in the descriptor of the CRC of the image, which GetNodeInfo tells. It is zero in a program
-/// that was uploaded through the serial port or by a programmer.
+/// Offset in the descriptor of the CRC of the image, which GetNodeInfo tells. It is zero in a
+/// program that was uploaded through the serial port or by a programmer.
 pub const IMAGE_CRC: usize = 8;
 /// Length of the CRC of the image.
 pub const IMAGE_CRC_LEN: usize = 8;

@@ -50,7 +50,6 @@ pub const LIGHT: Option<Pin> =
 /// The temperature sensor.
 const SENSOR: Pin = Pin::named(env!("NODE_SENSOR"));
 /// The pins for voltage and current of the circuit.
-#[cfg(any(feature = "power", test))]
 const POWER: [Pin; 2] = {
     let (voltage, rest) = env!("NODE_POWER").split_at(2);
     [Pin::named(voltage), Pin::named(rest.split_at(1).1)]
@@ -65,31 +64,25 @@ pub enum Input {
     /// The temperature sensor.
     Sensor,
     /// The voltage of the circuit.
-    #[cfg(feature = "power")]
     Voltage,
     /// The current of the circuit.
-    #[cfg(feature = "power")]
     Current,
 }
 
 impl Input {
-    /// All inputs.
-    pub const ALL: &[Self] = &[
-        Self::Sensor,
-        #[cfg(feature = "power")]
-        Self::Voltage,
-        #[cfg(feature = "power")]
-        Self::Current,
-    ];
+    /// The inputs that the program measures.
+    pub const ALL: &[Self] = if cfg!(feature = "power") {
+        &[Self::Sensor, Self::Voltage, Self::Current]
+    } else {
+        &[Self::Sensor]
+    };
 
     /// The pin, which has the number of its channel in port C.
     #[inline(always)]
     pub const fn pin(self) -> Pin {
         match self {
             Self::Sensor => SENSOR,
-            #[cfg(feature = "power")]
             Self::Voltage => POWER[0],
-            #[cfg(feature = "power")]
             Self::Current => POWER[1],
         }
     }

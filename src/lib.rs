@@ -3,8 +3,10 @@
 //!
 //! Each layer uses only the layers below it:
 //!
+//! * [`program`]: the main loop, over a board.
 //! * [`image`]: the tables of constants of all layers, as they lie in flash.
-//! * [`node`]: the behaviour of the node: commands, servo, temperature, status.
+//! * [`node`]: what every node does: receive, send, parameters, health, services.
+//! * [`parts`]: what a build may leave out: outputs, power, lights and others, a file each.
 //! * [`monitor`]: the serial monitor.
 //! * [`progmem`]: reads a table of constants from flash.
 //! * [`hardware`]: the board that the program is built for.
@@ -58,6 +60,9 @@ mod golden;
 pub mod handover;
 pub mod hardware;
 pub mod image;
+pub mod math;
 pub mod monitor;
 pub mod node;
+pub mod parts;
 pub mod progmem;
+pub mod program;

@@ -44,7 +44,7 @@ impl Adc {
 
     /// Returns the result, 0 to 1023, if the conversion is complete, and then starts one of the
     /// input `next`, against the bandgap or AVCC.
-    pub fn take(&mut self, against_bandgap: bool, next: Input) -> Option<u16> {
+    pub fn reading(&mut self, against_bandgap: bool, next: Input) -> Option<u16> {
         if self.adc.adcsra().read().adsc().bit_is_set() {
             return None;
         }

@@ -230,12 +230,6 @@ extern "C" fn fetch_for_handler() {
     fetch_in_handler();
 }
 
-/// True if more than one received frame waits behind the one that is taken.
-#[inline(always)]
-pub fn has_backlog() -> bool {
-    load(&raw const WRITTEN).wrapping_sub(load(&raw const READ)) > 2
-}
-
 /// The main loop's access to the controller and the queue.
 pub struct Bus {
     interrupt: CanInterrupt,
@@ -280,17 +274,17 @@ impl Bus {
         load(&raw const WRITTEN) != load(&raw const READ)
     }
 
-    /// Calls `what` with the oldest received frame, if there is one, and removes the frame from the
+    /// Calls `act` with the oldest received frame, if there is one, and removes the frame from the
     /// queue.
     #[inline(always)]
-    pub fn take_frame(&mut self, what: impl FnOnce(&Frame)) {
+    pub fn act_on_frame(&mut self, act: impl FnOnce(&Frame)) {
         let read = load(&raw const READ);
         if load(&raw const WRITTEN) == read {
             return;
         }
         // Safety: the index is less than the length. The place is from READ to WRITTEN, so `fetch`
         // does not write it before READ is incremented.
-        what(unsafe { &*(&raw const QUEUE).cast::<Frame>().add(usize::from(read % QUEUE_LEN)) });
+        act(unsafe { &*(&raw const QUEUE).cast::<Frame>().add(usize::from(read % QUEUE_LEN)) });
         // Safety: the pointer is to a static. Only the main loop writes this counter. The reference
         // to the frame has ended, so the place is free.
         unsafe { (&raw mut READ).write_volatile(read.wrapping_add(1)) };

@@ -16,7 +16,8 @@ pub const TOP: u8 = {
 static mut TICKS: u8 = 0;
 
 interrupt!(TIMER0_COMPA {
-    // Safety: the pointer is to a static. Only this handler writes it, and interrupts are disabled in the handler.
+    // Safety: the pointer is to a static. Only this handler writes it, and interrupts are disabled
+    // in the handler.
     unsafe { (&raw mut TICKS).write_volatile(ticks().wrapping_add(1)) }
 });
 

@@ -50,8 +50,8 @@ impl firmware::node::store::Eeprom for Eeprom {
         // interrupt may come in between, so interrupts are disabled for seven cycles. SREG
         // (0x3F) is restored.
         unsafe {
-            asm!("in {sreg}, 0x3F", "cli", "sbi 0x1F, 2", "sbi 0x1F, 1", "out 0x3F, {sreg}", sreg = out(reg) _,
-                options(nostack, preserves_flags));
+            asm!("in {sreg}, 0x3F", "cli", "sbi 0x1F, 2", "sbi 0x1F, 1", "out 0x3F, {sreg}",
+                sreg = out(reg) _, options(nostack, preserves_flags));
         }
     }
 }

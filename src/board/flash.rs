@@ -18,7 +18,8 @@ impl<T: Table> Progmem<T> for Image {
         let address = (&raw const PROGRAM_FRONT.image).addr() as u16 + T::BEGIN + at;
         // Safety: LPM only reads flash and changes no memory, whatever the address.
         unsafe {
-            asm!("lpm {0}, Z", out(reg) byte, in("Z") address, options(pure, readonly, nostack, preserves_flags))
+            asm!("lpm {0}, Z", out(reg) byte, in("Z") address,
+                options(pure, readonly, nostack, preserves_flags))
         };
         byte
     }

@@ -84,8 +84,8 @@ pub fn start() {
     // Safety: the block writes only WDTCSR, in the sequence that the datasheet requires. Interrupts
     // are disabled from the reset to here, so none comes in between.
     unsafe {
-        asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8, value = in(reg) 0xCCu8,
-            options(nostack, preserves_flags));
+        asm!("wdr", "sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8,
+            value = in(reg) 0xCCu8, options(nostack, preserves_flags));
     }
     // Safety: `main` calls this once, after `Board::new` has set up all that the handlers use, and
     // outside every critical section.
@@ -94,7 +94,7 @@ pub fn start() {
 
 /// Resets the watchdog. Call it once in each turn of the main loop.
 #[inline(always)]
-pub fn is_alive() {
+pub fn restart_watchdog() {
     avr_device::asm::wdr();
 }
 
@@ -112,16 +112,14 @@ pub fn check_stack() {
 
 /// Restarts the program, and stores the cause in GPIOR0.
 pub fn restart(cause: ResetCause) -> ! {
-    #[cfg(feature = "outputs")]
-    {
-        avr_device::interrupt::disable();
-        super::outputs::finish();
-    }
+    avr_device::interrupt::disable();
+    super::outputs::finish();
     // GPIOR0 = 0x1E.
     // Safety: the block does not return, so the running program uses nothing any more. The start
     // code sets up the stack and all variables again, and `Board::new` all registers.
     unsafe {
-        asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause.0, options(noreturn))
+        asm!("cli", "out 0x1E, {cause}", "jmp 0", cause = in(reg) RESTARTED | cause.0,
+            options(noreturn))
     }
 }
 
@@ -132,7 +130,6 @@ fn panic(_info: &PanicInfo) -> ! {
 
 interrupt!(WDT {
     // After the third restart within a minute, the bootloader waits for another program.
-    #[cfg(feature = "update")]
     if super::loader::is_there() && super::loader::count_restart() {
         super::loader::enter(None);
     }

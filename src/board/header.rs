@@ -1,10 +1,11 @@
-//! What the bootloader and file servers read of the program: its header and the begin of its tables,
-//! at fixed addresses (see [`firmware::handover`]).
+//! What the bootloader and file servers read of the program: its header and the begin of its
+//! tables, at fixed addresses (see [`firmware::handover`]).
 
 use firmware::handover::{HEADER, HEADER_LEN, SOFTWARE_VERSION, UNCHECKED_HEADER};
 use firmware::image::IMAGE;
 
-/// Bytes between the header and the tables, so that the application descriptor is at a multiple of 8.
+/// Bytes between the header and the tables, so that the application descriptor is at a multiple of
+/// 8.
 const GAP: usize = SOFTWARE_VERSION as usize - HEADER as usize - HEADER_LEN;
 
 /// The header and the tables.
@@ -17,8 +18,8 @@ pub struct Front {
 
 // Safety: no other symbol of the program has this name. `.vectors` has the vectors of the start-up
 // code, which the linker is given first, so this follows them, at `handover::HEADER`; scripts/image
-// checks that. Nothing runs or reads it as a vector, because the chip has no more of them. It is read
-// only by LPM, in `Image::byte`.
+// checks that. Nothing runs or reads it as a vector, because the chip has no more of them. It is
+// read only by LPM, in `Image::byte`.
 #[unsafe(link_section = ".vectors")]
 #[unsafe(no_mangle)]
 #[used]

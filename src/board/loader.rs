@@ -59,7 +59,6 @@ pub fn forget_restarts() {
 /// Resets the chip, so that the bootloader does the update of the request.
 pub fn enter(request: Option<&[u8; REQUEST_LEN]>) -> ! {
     avr_device::interrupt::disable();
-    #[cfg(feature = "outputs")]
     super::outputs::finish();
     // Until the reset the timer makes no other pulse, which that would cut.
     // Safety: interrupts are disabled and this function does not return, so nobody else uses the
@@ -77,8 +76,8 @@ pub fn enter(request: Option<&[u8; REQUEST_LEN]>) -> ! {
     // Safety: the block writes only WDTCSR, in the sequence that the datasheet requires. Interrupts
     // are disabled.
     unsafe {
-        asm!("sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8, value = in(reg) 0x08u8,
-            options(nostack, preserves_flags));
+        asm!("sts 0x60, {change}", "sts 0x60, {value}", change = in(reg) 0x18u8,
+            value = in(reg) 0x08u8, options(nostack, preserves_flags));
     }
     #[allow(clippy::empty_loop, reason = "the watchdog ends it")]
     loop {}

@@ -30,27 +30,38 @@ macro_rules! interrupt {
 
 mod adc;
 mod bus;
-#[cfg(feature = "button")]
-mod button;
 mod clock;
 mod eeprom;
-pub mod flash;
-pub mod guard;
+mod flash;
+mod guard;
 mod header;
 mod jitter;
 mod label;
-#[cfg(feature = "lights")]
-mod light;
-#[cfg(feature = "update")]
-pub mod loader;
-#[cfg(feature = "outputs")]
-mod outputs;
 mod pins;
 mod serial;
-#[cfg(not(feature = "outputs"))]
-mod servo;
 mod spi;
 mod timer1;
+
+#[cfg(feature = "button")]
+mod button;
+#[cfg(not(feature = "button"))]
+#[path = "absent/button.rs"]
+mod button;
+#[cfg(feature = "lights")]
+mod light;
+#[cfg(not(feature = "lights"))]
+#[path = "absent/light.rs"]
+mod light;
+#[cfg(feature = "update")]
+mod loader;
+#[cfg(not(feature = "update"))]
+#[path = "absent/loader.rs"]
+mod loader;
+#[cfg(feature = "outputs")]
+mod outputs;
+#[cfg(not(feature = "outputs"))]
+#[path = "servo.rs"]
+mod outputs;
 
 /// The registers of the chip.
 #[cfg(chip = "atmega168")]
@@ -59,62 +70,56 @@ use avr_device::atmega168 as chip;
 use avr_device::atmega328p as chip;
 
 use chip::CPU;
-use pins::Pins;
+use firmware::handover::REQUEST_LEN;
+use firmware::hardware::Input;
+use firmware::node::acceptance::NodeAcceptance;
+use firmware::node::condition::ResetCause;
+use firmware::node::parameters::Parameters;
+use firmware::program::Board;
+use mcp2515_ordered::{Attempts, Configuration, Frame, Notice, State};
 
-pub use adc::Adc;
-pub use bus::{Bus, has_backlog};
-#[cfg(feature = "button")]
-pub use button::Button;
-pub use clock::Clock;
-pub use eeprom::Eeprom;
-pub use jitter::Jitter;
-#[cfg(feature = "lights")]
-pub use light::Light;
-#[cfg(feature = "outputs")]
-pub use outputs::Outputs;
-pub use serial::Serial;
-#[cfg(not(feature = "outputs"))]
-pub use servo::Servo as Outputs;
+use adc::Adc;
+use bus::Bus;
+use button::Button;
+use clock::Clock;
+use eeprom::Eeprom;
+use flash::Image;
+use jitter::Jitter;
+use light::Light;
+use outputs::Outputs;
+use pins::Pins;
+use serial::Serial;
 
 /// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on
 /// it.
 pub const CLOCK_HZ: u32 = 16_000_000;
 
-/// The parts of the board, ready for use.
-pub struct Board {
-    /// The millisecond clock.
-    pub clock: Clock,
-    /// The serial monitor.
-    pub serial: Serial,
-    /// The CAN controller.
-    pub bus: Bus,
-    /// The servo output, or the outputs.
-    pub servo: Outputs,
-    /// The temperature sensor.
-    pub adc: Adc,
-    /// The light.
-    #[cfg(feature = "lights")]
-    pub light: Light,
-    /// The push button.
-    #[cfg(feature = "button")]
-    pub button: Button,
-    /// The EEPROM.
-    pub eeprom: Eeprom,
+/// The Arduino with its CAN board, ready for use.
+pub struct Arduino {
+    clock: Clock,
+    serial: Serial,
+    bus: Bus,
+    outputs: Outputs,
+    adc: Adc,
+    light: Light,
+    button: Button,
+    eeprom: Eeprom,
     /// A source of random bits, until [`guard::start`] starts the watchdog.
-    pub jitter: Jitter,
+    jitter: Jitter,
     /// The registers with the cause of the last reset.
-    pub cpu: CPU,
+    cpu: CPU,
 }
 
-impl Board {
-    /// Sets up all parts. Call it once.
+impl Arduino {
+    /// Sets up all of it. Call it once.
+    #[inline(always)]
     pub fn new() -> Self {
         // Each register block separately: `Peripherals::take` stores in RAM that it was called.
         macro_rules! peripheral {
             ($name:ident) => {
                 // Safety: each register block is named once below, and `main` calls this function
-                // once, before interrupts are enabled. So each value is the only one of its
-                // block here. A module that steals a block again argues for that at its place.
+                // once, before interrupts are enabled. So each value is the only one of its block
+                // here. A module that steals a block again argues for that at its place.
                 unsafe { chip::$name::steal() }
             };
         }
@@ -122,18 +127,172 @@ impl Board {
         // still runs and drives the servo's pin, whatever the port registers hold.
         let pins = Pins::new(peripheral!(PORTB), peripheral!(PORTC), peripheral!(PORTD));
         Self {
-            servo: Outputs::new(peripheral!(TC1), pins.servo),
+            outputs: Outputs::new(peripheral!(TC1), pins.servo),
             bus: Bus::new(peripheral!(SPI), peripheral!(EXINT), pins.can_interrupt),
             clock: Clock::new(peripheral!(TC0)),
             serial: Serial::new(peripheral!(USART0)),
             adc: Adc::new(peripheral!(ADC)),
-            #[cfg(feature = "lights")]
             light: Light::new(peripheral!(TC2)),
-            #[cfg(feature = "button")]
             button: Button::new(pins.button),
             eeprom: Eeprom::new(peripheral!(EEPROM)),
             jitter: Jitter::new(peripheral!(WDT)),
             cpu: peripheral!(CPU),
         }
+    }
+}
+
+impl Board for Arduino {
+    type Flash = Image;
+    type Outputs = Outputs;
+    type Eeprom = Eeprom;
+    type Counters = Bus;
+
+    const FLASH: Image = Image;
+
+    #[inline(always)]
+    fn reset_cause(&mut self) -> ResetCause {
+        guard::reset_cause(&self.cpu)
+    }
+
+    #[inline(always)]
+    fn eeprom_and_noise(&mut self) -> (&mut Eeprom, impl FnMut() -> u8) {
+        let Self { eeprom, jitter, .. } = self;
+        (eeprom, || jitter.sample())
+    }
+
+    #[inline(always)]
+    fn start(&mut self, parameters: &Parameters, controller: Configuration<NodeAcceptance<Image>>) {
+        self.outputs.start(parameters);
+        self.bus.controller(|can| can.configure(controller));
+        guard::start();
+    }
+
+    #[inline(always)]
+    fn begin_turn(&mut self) {
+        guard::restart_watchdog();
+    }
+
+    #[inline(always)]
+    fn has_ticked(&self) -> bool {
+        self.clock.has_ticked()
+    }
+
+    #[inline(always)]
+    fn tick(&mut self) -> u8 {
+        guard::check_stack();
+        self.clock.tick()
+    }
+
+    #[inline(always)]
+    fn now_ms(&self) -> u16 {
+        self.clock.now_ms()
+    }
+
+    #[inline(always)]
+    fn has_frame(&mut self) -> bool {
+        self.bus.has_frame()
+    }
+
+    #[inline(always)]
+    fn act_on_frame(&mut self, act: impl FnOnce(&Frame)) {
+        self.bus.act_on_frame(act);
+    }
+
+    #[inline(always)]
+    fn controller(&mut self, now_ms: u16) -> State {
+        self.bus.controller(|can| can.state(now_ms))
+    }
+
+    #[inline(always)]
+    fn is_controller_empty(&mut self) -> bool {
+        self.bus.controller(|can| can.is_empty())
+    }
+
+    #[inline(always)]
+    fn poll_controller(&mut self, now_ms: u16) -> Option<Notice> {
+        self.bus.controller(|can| can.poll(now_ms))
+    }
+
+    #[inline(always)]
+    fn set_filters(&mut self, now_ms: u16, acceptance: NodeAcceptance<Image>, attempts: Attempts) {
+        self.bus.controller(|can| {
+            can.reconfigure(now_ms, |configuration| {
+                configuration.acceptance = acceptance;
+                configuration.attempts = attempts;
+            });
+        });
+    }
+
+    #[inline(always)]
+    fn find_room(&mut self) {
+        self.bus.controller(|can| can.find_room());
+    }
+
+    #[inline(always)]
+    fn send_frame(&mut self, frame: &Frame) {
+        self.bus.controller(|can| can.transmit(frame));
+    }
+
+    #[inline(always)]
+    fn counters(&self) -> &Bus {
+        &self.bus
+    }
+
+    #[inline(always)]
+    fn outputs(&mut self) -> &mut Outputs {
+        &mut self.outputs
+    }
+
+    #[inline(always)]
+    fn eeprom(&mut self) -> &mut Eeprom {
+        &mut self.eeprom
+    }
+
+    #[inline(always)]
+    fn reading(&mut self, against_bandgap: bool, next: Input) -> Option<u16> {
+        self.adc.reading(against_bandgap, next)
+    }
+
+    #[inline(always)]
+    fn is_button_pressed(&self) -> bool {
+        self.button.is_pressed()
+    }
+
+    #[inline(always)]
+    fn set_light(&mut self, brightness: u8) {
+        self.light.set(brightness);
+    }
+
+    #[inline(always)]
+    fn received_byte(&mut self) -> Option<u8> {
+        self.serial.receive()
+    }
+
+    #[inline(always)]
+    fn can_send_byte(&self) -> bool {
+        self.serial.can_send()
+    }
+
+    #[inline(always)]
+    fn send_byte(&mut self, byte: u8) {
+        self.serial.send(byte);
+    }
+
+    #[inline(always)]
+    fn has_loader(&self) -> bool {
+        loader::is_there()
+    }
+
+    #[inline(always)]
+    fn forget_restarts(&mut self) {
+        loader::forget_restarts();
+    }
+
+    #[inline(always)]
+    fn restart(&mut self, request: Option<&[u8; REQUEST_LEN]>) {
+        if let Some(request) = request {
+            loader::enter(Some(request));
+        }
+        guard::restart(ResetCause::ASKED_FOR);
     }
 }

@@ -21,7 +21,7 @@
 //!
 //! The main loop computes the edges for new widths, and writes them to one of two sets, while the
 //! handler uses the other. The handler changes to the new set shortly before BOTTOM, and with it
-//! writes OCR1x. So all widths of one call of [`Output::set`] begin in the same period.
+//! writes OCR1x. So all widths of one call of [`Pulses::set`] begin in the same period.
 //!
 //! After `start` only the handler uses the 16-bit registers of Timer1, which share a byte of
 //! temporary storage (section 16.3).
@@ -39,11 +39,12 @@ use edges::{
 };
 use firmware::hardware::{OUTPUT_PINS, OUTPUTS, Pin};
 use firmware::node::parameters::{Parameter, Parameters};
-use firmware::node::servo::{Output, Ticks};
+use firmware::parts::outputs::Pulses;
+use firmware::parts::outputs::travel::Ticks;
 
 pub use edges::finish;
 
-/// The outputs. They make no pulse before the first [`set`](Output::set).
+/// The outputs. They make no pulse before the first [`set`](Pulses::set).
 pub struct Outputs {
     /// The pin of output 1.
     signal: ServoSignal,
@@ -64,7 +65,8 @@ impl Outputs {
     /// Starts the outputs in use, with OUT_RATE. Call it once, before interrupts are enabled, and
     /// while Timer0 runs.
     pub fn start(&mut self, parameters: &Parameters) {
-        let (count, rate_hz) = (parameters.outputs(), parameters.get(Parameter::OutRate));
+        let (count, rate_hz) =
+            (usize::from(parameters.outputs()), parameters.get(Parameter::OutRate));
         self.is_single = count == 1;
         let mut period = timer1::period(rate_hz);
         if !self.is_single {
@@ -126,7 +128,7 @@ fn port_of(pin: Pin) -> *mut u8 {
     registers.wrapping_add(PORTX)
 }
 
-impl Output for Outputs {
+impl Pulses for Outputs {
     #[inline(never)]
     fn set(&mut self, output: usize, width: Ticks) {
         if self.is_single {

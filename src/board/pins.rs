@@ -17,7 +17,6 @@ pub type CanInterrupt = Input<{ CAN_INTERRUPT.port }, { CAN_INTERRUPT.bit }>;
 /// The servo's signal.
 pub type ServoSignal = Output<{ SERVO.port }, { SERVO.bit }>;
 /// The button.
-#[cfg(feature = "button")]
 pub type ButtonSignal = Input<{ BUTTON.port }, { BUTTON.bit }>;
 
 /// The SPI's SS: D10. It must be an output, so that the SPI stays master.
@@ -173,7 +172,6 @@ pub struct Pins {
     /// The CAN controller's INT pin.
     pub can_interrupt: CanInterrupt,
     /// The button's pin.
-    #[cfg(feature = "button")]
     pub button: ButtonSignal,
 }
 
@@ -192,11 +190,6 @@ impl Pins {
             portd.portd().write(|w| w.bits(const { mask(&HIGH, 'D') }));
             portd.ddrd().write(|w| w.bits(const { mask(&OUTPUTS, 'D') }));
         }
-        Self {
-            servo: Output(()),
-            can_interrupt: Input(()),
-            #[cfg(feature = "button")]
-            button: Input(()),
-        }
+        Self { servo: Output(()), can_interrupt: Input(()), button: Input(()) }
     }
 }

@@ -1,19 +1,20 @@
-//! The servo output of a program with one output.
+//! The output of a program with one output: Timer1 makes its pulse without software.
 
 use super::chip::TC1;
 use super::pins::ServoSignal;
 use super::timer1;
 use firmware::node::parameters::{Parameter, Parameters};
-use firmware::node::servo::{Output, Ticks};
+use firmware::parts::outputs::Pulses;
+use firmware::parts::outputs::travel::Ticks;
 
-/// The servo output. It makes no pulse before the first [`set`](Output::set).
-pub struct Servo {
+/// The servo output. It makes no pulse before the first [`set`](Pulses::set).
+pub struct Outputs {
     tc1: TC1,
     signal: ServoSignal,
     width: Ticks,
 }
 
-impl Servo {
+impl Outputs {
     pub(super) fn new(tc1: TC1, signal: ServoSignal) -> Self {
         timer1::stop(&tc1, &signal);
         Self { tc1, signal, width: 0 }
@@ -26,7 +27,7 @@ impl Servo {
     }
 }
 
-impl Output for Servo {
+impl Pulses for Outputs {
     #[inline(never)]
     fn set(&mut self, _output: usize, width: Ticks) {
         // A pulse that has begun is not cut.
@@ -36,3 +37,7 @@ impl Output for Servo {
         }
     }
 }
+
+/// Waits until no output gives a pulse, before the program ends. Timer1 gives the only one, and
+/// goes on.
+pub fn finish() {}

@@ -9,7 +9,8 @@ use super::CLOCK_HZ;
 use super::chip::TC1;
 use super::pins::ServoSignal;
 use firmware::hardware::SERVO;
-use firmware::node::servo::{Ticks, scaled};
+use firmware::math::scaled;
+use firmware::parts::outputs::travel::Ticks;
 
 /// Whether the servo is on OC1A, and not on OC1B.
 const IS_A: bool = SERVO.bit == 1;

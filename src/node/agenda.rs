@@ -2,14 +2,21 @@
 //! select, and begins again. No turn waits.
 //!
 //! Received frames come first, because their queue is short: an interrupt reads them from the
-//! controller during any turn. After [`FRAMES_IN_A_ROW`] frames another turn follows, so that a
-//! flood of frames cannot stop the clock, the failsafe and the node's own messages. The tick never
-//! has two of these turns in a row, and neither have the entries of commands for several outputs,
-//! which can come faster than they are followed. All other work is ordered by how rare it is, the
-//! rarest first, so that frequent work cannot starve rare work.
+//! controller during any turn. An entry of a command is followed when no frame waits, which on a
+//! full bus is so after most frames, and after [`FRAMES_BEFORE_ENTRY`] frames in any case. After
+//! [`FRAMES_IN_A_ROW`] frames another turn follows, so that a flood of frames cannot stop the
+//! clock, the failsafe and the node's own messages. The tick
+//! never has two of these turns in a row. All other work is ordered by how rare it is, the rarest
+//! first, so that frequent work cannot starve rare work.
+
+use crate::hardware::OUTPUTS;
 
 /// Frames in a row after which another turn follows.
 pub const FRAMES_IN_A_ROW: u8 = 16;
+
+/// Frames after which an entry of a command is followed although more wait. With one output every
+/// second frame of a full bus leaves time to follow one. With eight a frame takes longer.
+pub const FRAMES_BEFORE_ENTRY: u8 = if OUTPUTS == 1 { 2 } else { FRAMES_IN_A_ROW };
 
 /// The work that is pending.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -32,26 +39,14 @@ pub struct Facts {
     pub has_to_send: bool,
 }
 
-/// If an entry of a command for an output waits to be followed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Entry {
-    /// None waits.
-    None,
-    /// One waits until the queue of received frames is empty.
-    Waits,
-    /// One waits for the only output in use, and the next frame brought no newer one.
-    IsOverdue,
-}
-
 /// What to do now.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Turn {
-    /// Take the oldest received frame, and act on the transfer that it completes.
-    TakeFrame,
+    /// Act on the oldest received frame, and on the transfer that it completes.
+    ActOnFrame,
     /// Do the work of each millisecond.
     Tick,
     /// Follow an entry of a command.
-    #[cfg(feature = "outputs")]
     Follow,
     /// Do one pending chore.
     DoChore,
@@ -73,11 +68,12 @@ pub enum Turn {
 /// The state between turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Agenda {
+    /// Frames since the last turn besides frames and entries.
     frames_in_a_row: u8,
-    /// The last turn besides frames was the tick.
+    /// Frames since an entry waits, or since the last one was followed.
+    frames_before_entry: u8,
+    /// The last turn besides frames and entries was the tick.
     was_tick: bool,
-    /// The last turn besides frames followed an entry of a command.
-    was_following: bool,
     /// The controller had no room. The node asks again after the next tick.
     is_full: bool,
 }
@@ -85,31 +81,28 @@ pub struct Agenda {
 impl Agenda {
     /// No turn taken yet.
     pub const fn new() -> Self {
-        Self { frames_in_a_row: 0, was_tick: false, was_following: false, is_full: false }
+        Self { frames_in_a_row: 0, frames_before_entry: 0, was_tick: false, is_full: false }
     }
 
-    /// Chooses the next turn. A received frame waits if `has_frame`. Calls `facts` only if that and
-    /// `entry` do not decide.
+    /// Chooses the next turn. `has_frame`: a received frame waits. `has_entry`: an
+    /// entry of a command waits to be followed. Calls `facts` only if these do not decide.
     #[inline(always)]
-    pub fn next(&mut self, has_frame: bool, entry: Entry, facts: impl FnOnce() -> Facts) -> Turn {
-        #[cfg(feature = "outputs")]
-        if entry == Entry::IsOverdue {
+    pub fn next(
+        &mut self,
+        has_frame: bool,
+        has_entry: bool,
+        facts: impl FnOnce() -> Facts,
+    ) -> Turn {
+        if has_entry && (!has_frame || self.frames_before_entry >= FRAMES_BEFORE_ENTRY) {
+            self.frames_before_entry = 0;
             return Turn::Follow;
         }
         if has_frame && self.frames_in_a_row < FRAMES_IN_A_ROW {
             self.frames_in_a_row += 1;
-            return Turn::TakeFrame;
+            self.frames_before_entry = if has_entry { self.frames_before_entry + 1 } else { 0 };
+            return Turn::ActOnFrame;
         }
         self.frames_in_a_row = 0;
-        let _ = entry;
-        #[cfg(feature = "outputs")]
-        {
-            // In a flood entries and other work take turns.
-            self.was_following = entry != Entry::None && !self.was_following;
-            if self.was_following {
-                return Turn::Follow;
-            }
-        }
         let facts = facts();
         // In a flood a millisecond passes before each turn that is left for the rest.
         self.was_tick = facts.has_ticked && !self.was_tick;
@@ -158,7 +151,7 @@ mod tests {
     /// The turns for constant facts, one after the other.
     fn turns(has_frame: bool, facts: Facts) -> impl Iterator<Item = Turn> {
         let mut agenda = Agenda::new();
-        std::iter::from_fn(move || Some(agenda.next(has_frame, Entry::None, || facts)))
+        std::iter::from_fn(move || Some(agenda.next(has_frame, false, || facts)))
     }
 
     fn first(facts: Facts) -> Turn {
@@ -180,7 +173,7 @@ mod tests {
     fn frames_come_before_everything_else_but_not_for_ever() {
         let turns: Vec<Turn> =
             turns(true, EVERYTHING).take(2 * FRAMES_IN_A_ROW as usize + 1).collect();
-        let frames = [Turn::TakeFrame; FRAMES_IN_A_ROW as usize];
+        let frames = [Turn::ActOnFrame; FRAMES_IN_A_ROW as usize];
         assert_eq!(turns[..frames.len()], frames);
         assert_eq!(turns[frames.len()], Turn::Tick);
         assert_eq!(turns[frames.len() + 1..], frames);
@@ -192,44 +185,50 @@ mod tests {
         let facts =
             Facts { has_ticked: true, is_on_bus: true, has_to_send: true, ..Facts::default() };
         let others: Vec<Turn> =
-            turns(true, facts).filter(|&turn| turn != Turn::TakeFrame).take(4).collect();
+            turns(true, facts).filter(|&turn| turn != Turn::ActOnFrame).take(4).collect();
         assert_eq!(others, [Turn::Tick, Turn::PrepareFrame, Turn::Tick, Turn::PrepareFrame]);
     }
 
-    #[cfg(feature = "outputs")]
     #[test]
-    fn an_entry_of_a_command_takes_turns_with_other_work() {
-        let mut agenda = Agenda::new();
-        let mut next = || agenda.next(true, Entry::Waits, || EVERYTHING);
-        for _ in 0..3 {
-            for _ in 0..FRAMES_IN_A_ROW {
-                assert_eq!(next(), Turn::TakeFrame);
+    fn in_a_flood_of_frames_every_entry_has_its_turn() {
+        for (entries, most) in [(1, FRAMES_BEFORE_ENTRY), (8, 8 * FRAMES_BEFORE_ENTRY)] {
+            let mut agenda = Agenda::new();
+            for waiting in 0..100 {
+                // At any point of the flood.
+                for _ in 0..waiting {
+                    agenda.next(true, false, || EVERYTHING);
+                }
+                let (mut entries, mut taken) = (entries, 0);
+                while entries != 0 {
+                    match agenda.next(true, true, || EVERYTHING) {
+                        Turn::ActOnFrame => taken += 1,
+                        Turn::Follow => entries -= 1,
+                        _ => {}
+                    }
+                }
+                assert!(taken <= most, "{taken} frames");
             }
-            assert_eq!(next(), Turn::Follow);
-            for _ in 0..FRAMES_IN_A_ROW {
-                assert_eq!(next(), Turn::TakeFrame);
-            }
-            assert!(matches!(next(), Turn::Tick | Turn::DoChore));
         }
     }
 
-    #[cfg(feature = "outputs")]
     #[test]
-    fn an_overdue_entry_comes_before_frames() {
+    fn in_a_flood_of_frames_and_entries_other_work_has_its_turn_after_16_frames() {
         let mut agenda = Agenda::new();
-        assert_eq!(agenda.next(true, Entry::IsOverdue, || EVERYTHING), Turn::Follow);
-        assert_eq!(agenda.next(true, Entry::None, || EVERYTHING), Turn::TakeFrame);
+        let mut frames = 0;
+        for _ in 0..200 {
+            match agenda.next(true, true, || EVERYTHING) {
+                Turn::ActOnFrame => frames += 1,
+                Turn::Follow => {}
+                _ => assert_eq!(core::mem::take(&mut frames), FRAMES_IN_A_ROW),
+            }
+        }
     }
 
-    #[cfg(feature = "outputs")]
     #[test]
-    fn an_entry_that_always_waits_keeps_nothing_else_from_its_turn() {
-        let facts = Facts { is_on_bus: true, has_to_send: true, ..Facts::default() };
+    fn an_entry_is_followed_at_once_when_no_frame_waits() {
         let mut agenda = Agenda::new();
-        for _ in 0..5 {
-            assert_eq!(agenda.next(false, Entry::Waits, || facts), Turn::Follow);
-            assert_eq!(agenda.next(false, Entry::Waits, || facts), Turn::PrepareFrame);
-        }
+        assert_eq!(agenda.next(true, true, || EVERYTHING), Turn::ActOnFrame);
+        assert_eq!(agenda.next(false, true, || EVERYTHING), Turn::Follow);
     }
 
     #[test]
@@ -262,12 +261,12 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..3 {
-            assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
+            assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
             for _ in 0..5 {
-                assert_eq!(agenda.next(false, Entry::None, || facts), Turn::Monitor);
+                assert_eq!(agenda.next(false, false, || facts), Turn::Monitor);
             }
             assert_eq!(
-                agenda.next(false, Entry::None, || Facts { has_ticked: true, ..facts }),
+                agenda.next(false, false, || Facts { has_ticked: true, ..facts }),
                 Turn::Tick
             );
         }
@@ -277,9 +276,9 @@ mod tests {
     fn a_frame_goes_as_soon_as_there_is_room() {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
-        assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
+        assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
         assert_eq!(
-            agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }),
+            agenda.next(false, false, || Facts { has_room: true, ..facts }),
             Turn::SendFrame
         );
     }
@@ -289,14 +288,14 @@ mod tests {
         let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
         let mut agenda = Agenda::new();
         for _ in 0..3 {
-            assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
+            assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
             assert_eq!(
-                agenda.next(false, Entry::None, || Facts { has_room: true, ..facts }),
+                agenda.next(false, false, || Facts { has_room: true, ..facts }),
                 Turn::SendFrame
             );
         }
-        assert_eq!(agenda.next(false, Entry::None, || facts), Turn::FindRoom);
-        assert_eq!(agenda.next(false, Entry::None, || facts), Turn::Monitor);
+        assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
+        assert_eq!(agenda.next(false, false, || facts), Turn::Monitor);
     }
 
     #[test]

@@ -1,5 +1,7 @@
 //! The conditions behind the node's health and its vendor-specific status code.
 
+use super::health::Level;
+
 /// The reset cause: one of the constants below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetCause(pub u8);
@@ -23,55 +25,77 @@ impl ResetCause {
     pub const STACK_COLLISION: Self = Self(7);
 }
 
-/// Bits of the vendor-specific status code (docs/status.md). WARN_MASK, ERROR_MASK and CRIT_MASK
-/// set the health level of each.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Conditions(u16);
+/// A table of conditions. A row is `NAME = bits, level, time;`: the level by default, and how long
+/// it is set. One that `lasts` is set as long as its cause, one that `passes` until some time after
+/// the last event.
+macro_rules! conditions {
+    ($($(#[doc = $doc:literal])* $name:ident = $bits:expr, $level:ident, $time:ident;)*) => {
+        /// Bits of the vendor-specific status code (docs/status.md). WARN_MASK, ERROR_MASK and
+        /// CRIT_MASK set the health level of each.
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+        pub struct Conditions(u16);
+
+        impl Conditions {
+            $($(#[doc = $doc])* pub const $name: Self = Self($bits);)*
+
+            /// The conditions with this level by default.
+            const fn of_level(level: Level) -> u16 {
+                0 $(| if level as u8 == Level::$level as u8 { Self::$name.0 } else { 0 })*
+            }
+
+            /// Conditions of events, which are cleared some time after the last one.
+            const PASSING: Self = Self(0 $(| conditions!(@$time $bits))*);
+        }
+
+        const _: () = assert!(0 $(+ Conditions::$name.0 as u32)* == 0xFFFF, "each bit has a row");
+    };
+    (@passes $bits:expr) => { $bits };
+    (@lasts $bits:expr) => { 0 };
+}
+
+conditions! {
+    /// Three bits: which fault caused the last reset, as a number. 0 is none, see
+    /// [`after`](Self::after).
+    RESET = 7, Warning, passes;
+    /// Transfers broke: missing frames, a wrong CRC, or interleaved senders.
+    TRANSFER_ERRORS = 1 << 3, Ok, passes;
+    /// Another node uses this node's ID.
+    ID_CONFLICT = 1 << 4, Warning, passes;
+    /// The controller lost received frames.
+    FRAMES_LOST = 1 << 5, Warning, passes;
+    /// The controller is error-passive.
+    ERROR_PASSIVE = 1 << 6, Warning, lasts;
+    /// The controller went bus-off.
+    BUS_OFF = 1 << 7, Warning, passes;
+    /// The controller was started again, or sending was given up: no node acknowledged the frames.
+    CONTROLLER = 1 << 8, Warning, passes;
+    /// Two nodes command the output.
+    TWO_COMMANDERS = 1 << 9, Warning, passes;
+    /// Commands stopped, and the output does what OUT1_FS says.
+    FAILSAFE = 1 << 10, Error, lasts;
+    /// The temperature is below TEMP_MIN or above TEMP_MAX, or the sensor is open or shorted.
+    TEMPERATURE = 1 << 11, Warning, lasts;
+    /// The voltage or the current of the circuit is beyond its limits.
+    POWER = 1 << 12, Warning, lasts;
+    /// Parameters in the EEPROM were lost or out of range; their defaults are in force.
+    PARAMETERS_LOST = 1 << 13, Critical, lasts;
+    /// ARM_REQ requires an armed vehicle, and the vehicle is disarmed; or the safety switch is on.
+    DISARMED = 1 << 14, Ok, lasts;
+    /// The node sends in the draft. The bit is in the upper byte, so that a draft status does no
+    /// harm if it is read as one of v0.
+    DRAFT = 1 << 15, Ok, lasts;
+}
+
+/// The default of WARN_MASK.
+pub const WARN_MASK: u16 = Conditions::of_level(Level::Warning);
+/// The default of ERROR_MASK.
+pub const ERROR_MASK: u16 = Conditions::of_level(Level::Error);
+/// The default of CRIT_MASK.
+pub const CRIT_MASK: u16 = Conditions::of_level(Level::Critical);
 
 impl Conditions {
     /// No condition.
     pub const NONE: Self = Self(0);
-    /// Three bits: which fault caused the last reset, as a number. 0 is none, see
-    /// [`after`](Self::after).
-    pub const RESET: Self = Self(7);
-    /// Transfers broke: missing frames, a wrong CRC, or interleaved senders.
-    pub const TRANSFER_ERRORS: Self = Self(1 << 3);
-    /// Another node uses this node's ID.
-    pub const ID_CONFLICT: Self = Self(1 << 4);
-    /// The controller lost received frames.
-    pub const FRAMES_LOST: Self = Self(1 << 5);
-    /// The controller is error-passive.
-    pub const ERROR_PASSIVE: Self = Self(1 << 6);
-    /// The controller went bus-off.
-    pub const BUS_OFF: Self = Self(1 << 7);
-    /// The controller was started again, or sending was given up: no node acknowledged the frames.
-    pub const CONTROLLER: Self = Self(1 << 8);
-    /// Two nodes command the output.
-    pub const TWO_COMMANDERS: Self = Self(1 << 9);
-    /// Commands stopped, and the output does what OUT1_FS says.
-    pub const FAILSAFE: Self = Self(1 << 10);
-    /// The temperature is below TEMP_MIN or above TEMP_MAX, or the sensor is open or shorted.
-    pub const TEMPERATURE: Self = Self(1 << 11);
-    /// The voltage or the current of the circuit is beyond its limits.
-    pub const POWER: Self = Self(1 << 12);
-    /// Parameters in the EEPROM were lost or out of range; their defaults are in force.
-    pub const PARAMETERS_LOST: Self = Self(1 << 13);
-    /// ARM_REQ requires an armed vehicle, and the vehicle is disarmed; or the safety switch is on.
-    pub const DISARMED: Self = Self(1 << 14);
-    /// The node sends in the draft. The bit is in the upper byte, so that a draft status does no
-    /// harm if it is read as one of v0.
-    pub const DRAFT: Self = Self(1 << 15);
-
-    /// Temporary conditions, which are cleared some time after their last event.
-    const PASSING: Self = Self(
-        Self::RESET.0
-            | Self::TRANSFER_ERRORS.0
-            | Self::ID_CONFLICT.0
-            | Self::FRAMES_LOST.0
-            | Self::BUS_OFF.0
-            | Self::CONTROLLER.0
-            | Self::TWO_COMMANDERS.0,
-    );
 
     /// The condition that a reset cause sets, if it is a fault: 1 for [`ResetCause::WATCHDOG`], 2
     /// for the next, and so on.

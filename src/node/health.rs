@@ -33,44 +33,6 @@ impl CanCounters for Counters {
     }
 }
 
-/// Transfer counters for GetTransportStats. All are modulo 65,536. Without the feature `stats`
-/// nothing is counted.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Transfers {
-    /// Transfers received complete.
-    #[cfg(feature = "stats")]
-    pub received: u16,
-    /// Transfers sent complete.
-    #[cfg(feature = "stats")]
-    pub sent: u16,
-    /// Broken transfers.
-    #[cfg(feature = "stats")]
-    pub broken: u16,
-}
-
-impl Transfers {
-    /// Counts a transfer that was received complete.
-    #[inline(always)]
-    pub fn received(&mut self) {
-        #[cfg(feature = "stats")]
-        count(&mut self.received);
-    }
-
-    /// Counts a transfer that was sent complete.
-    #[inline(always)]
-    pub fn sent(&mut self) {
-        #[cfg(feature = "stats")]
-        count(&mut self.sent);
-    }
-
-    /// Counts a broken transfer.
-    #[inline(always)]
-    pub fn broken(&mut self) {
-        #[cfg(feature = "stats")]
-        count(&mut self.broken);
-    }
-}
-
 /// Increments a counter, modulo 65,536.
 #[inline(never)]
 pub fn count(counter: &mut u16) {
@@ -99,8 +61,6 @@ pub struct Health {
     hold_s: u8,
     /// Events since the start.
     pub counts: Counts,
-    /// Transfers since the start.
-    pub transfers: Transfers,
 }
 
 impl Health {
@@ -110,14 +70,6 @@ impl Health {
             conditions: Conditions::NONE,
             hold_s: 0,
             counts: Counts { followed: 0, refused: 0, overruns: 0, given_up: 0 },
-            transfers: Transfers {
-                #[cfg(feature = "stats")]
-                received: 0,
-                #[cfg(feature = "stats")]
-                sent: 0,
-                #[cfg(feature = "stats")]
-                broken: 0,
-            },
         }
     }
 
@@ -171,6 +123,11 @@ impl Health {
         }
     }
 
+    /// Sets a condition without logging it.
+    pub fn set_silently(&mut self, condition: Conditions) {
+        self.conditions.set(condition, true);
+    }
+
     /// Clears a condition without logging it.
     pub fn clear(&mut self, condition: Conditions) {
         self.conditions.set(condition, false);
@@ -202,9 +159,11 @@ impl Health {
     #[inline(never)]
     pub fn report(&self, monitor: &mut Monitor) {
         let counts_in = monitor.log_line(Line::CountsIn);
-        (counts_in.a, counts_in.b) = (self.counts.followed, self.counts.refused);
+        counts_in.set_a(self.counts.followed);
+        counts_in.set_b(self.counts.refused);
         let counts_out = monitor.log_line(Line::CountsOut);
-        (counts_out.a, counts_out.b) = (self.counts.overruns, self.counts.given_up);
+        counts_out.set_a(self.counts.overruns);
+        counts_out.set_b(self.counts.given_up);
     }
 }
 

@@ -2,16 +2,7 @@
 
 use crate::handover::{DESCRIPTOR_LEN, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION_LEN};
 use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME as NAME};
-
-/// How to update instead: the bootloaders of the Arduinos listen to the serial port only.
-const NO_UPDATE: &str = "update over USB serial";
-
-/// Why a request for an update is refused now.
-#[cfg(feature = "update")]
-const IN_USE: &str = "armed, or a command in the last 2 s";
-/// Why a request for an update is refused always.
-#[cfg(feature = "update")]
-const PATH_TOO_LONG: &str = "path longer than 24 characters";
+use crate::parts::update::TEXTS;
 
 /// Bytes of software and hardware version in a GetNodeInfo response.
 pub const VERSIONS_LEN: u8 = 17;
@@ -44,11 +35,6 @@ pub const fn index_of(mut at: u8) -> u8 {
     at
 }
 
-/// Start of the text for BeginFirmwareUpdate in [`PACKED`].
-pub const NO_UPDATE_AT: u8 = NAME_AT + NAME.len() as u8;
-/// Length of the text at [`NO_UPDATE_AT`].
-pub const NO_UPDATE_LEN: u8 = NO_UPDATE.len() as u8;
-
 /// Bytes of a GetNodeInfo response: a NodeStatus, the versions, the unique ID, the length of the
 /// certificate, the name.
 pub const NODE_INFO_LEN: u8 = 7 + VERSIONS_LEN + 16 + 1 + NAME.len() as u8;
@@ -56,32 +42,19 @@ pub const NODE_INFO_LEN: u8 = 7 + VERSIONS_LEN + 16 + 1 + NAME.len() as u8;
 /// The table in flash: [`PACKED`].
 pub struct Information;
 
-/// Start of the text about the use of the node in [`PACKED`].
-#[cfg(feature = "update")]
-pub const IN_USE_AT: u8 = NO_UPDATE_AT + NO_UPDATE_LEN;
-/// Length of the text at [`IN_USE_AT`].
-#[cfg(feature = "update")]
-pub const IN_USE_LEN: u8 = IN_USE.len() as u8;
-/// Start of the text about the path in [`PACKED`].
-#[cfg(feature = "update")]
-pub const PATH_TOO_LONG_AT: u8 = IN_USE_AT + IN_USE_LEN;
-/// Length of the text at [`PATH_TOO_LONG_AT`].
-#[cfg(feature = "update")]
-pub const PATH_TOO_LONG_LEN: u8 = PATH_TOO_LONG.len() as u8;
-
-/// The texts for BeginFirmwareUpdate, one behind the other.
-#[cfg(feature = "update")]
-const REFUSALS: &[&str] = &[NO_UPDATE, IN_USE, PATH_TOO_LONG];
-#[cfg(not(feature = "update"))]
-const REFUSALS: &[&str] = &[NO_UPDATE];
+/// Place and length in [`PACKED`] of one of the texts for BeginFirmwareUpdate.
+pub const fn text(n: usize) -> (u8, u8) {
+    let (mut at, mut text) = (NAME_AT as usize + NAME.len(), 0);
+    while text < n {
+        at += TEXTS[text].len();
+        text += 1;
+    }
+    (at as u8, TEXTS[n].len() as u8)
+}
 
 const LEN: usize = {
-    let (mut len, mut n) = (NO_UPDATE_AT as usize, 0);
-    while n < REFUSALS.len() {
-        len += REFUSALS[n].len();
-        n += 1;
-    }
-    len
+    let (at, len) = text(TEXTS.len() - 1);
+    at as usize + len as usize
 };
 
 /// The bytes in the order of a GetNodeInfo response. Before the unique ID: software major, minor,
@@ -122,10 +95,10 @@ pub const PACKED: [u8; LEN] = {
         n += 1;
     }
     let mut text = 0;
-    while text < REFUSALS.len() {
+    while text < TEXTS.len() {
         n = 0;
-        while n < REFUSALS[text].len() {
-            packed[at] = REFUSALS[text].as_bytes()[n];
+        while n < TEXTS[text].len() {
+            packed[at] = TEXTS[text].as_bytes()[n];
             at += 1;
             n += 1;
         }

@@ -1,8 +1,17 @@
-//! The table of data types that the node receives. It defines their IDs, the seeds of their CRCs,
-//! their reassembly, and the filters of the controller ([`acceptance`](super::acceptance)).
+//! The table of data types that the node receives. A row has all that depends on the type: its ID
+//! and the seed of its CRC, how its frames are reassembled, which filter of the controller lets it
+//! pass ([`acceptance`](super::acceptance)), and which method of [`Node`] acts on it.
 
 use dronecan_wire::Received;
 use dronecan_wire::types::{self, Message};
+
+use super::health::CanCounters;
+use super::receive::Context;
+use super::services::{Pending, Response};
+use super::wire::Transfer;
+use super::{Constants, Node};
+use crate::hardware::OUTPUTS;
+use crate::monitor::Line;
 
 /// Bit of a [`Kind`]'s number: the transfer is a request.
 const REQUEST: u16 = 1 << 15;
@@ -15,124 +24,286 @@ const ID: u16 = LONG - 1;
 
 /// Bits of a [`Kind`]'s number: the transfer is a message of a vendor, with an ID from 16384 to
 /// 24575. (A service ID has eight bits only.)
-#[cfg(feature = "safety")]
 const VENDOR: u16 = REQUEST | 1 << 13;
 
 /// Mask of a vendor's [`Kind`]: the ID less [`LONG`], its first.
-#[cfg(feature = "safety")]
 const VENDOR_ID: u16 = (1 << 13) - 1;
 
-/// A row is `name = space type, form;`, or for a request `name = space type, form of the request,
-/// form of the response;`. The space `draft` is for messages that only the UAVCAN draft has,
-/// `vendor` for the IDs of vendors. A transfer of the form `short` has one frame.
+/// Where the controller's filters let a message pass.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Filter {
+    /// Into RXB0, from which a frame rolls over to RXB1: messages that come in bursts.
+    Rxb0,
+    /// Into RXB1.
+    Rxb1,
+    /// Into RXB1 of a node with motors.
+    WithMotors,
+    /// Into both of a node without an ID.
+    WithoutId,
+    /// A request: see [`acceptance`](super::acceptance).
+    Request,
+}
+
+/// A table of groups, `if condition { rows }`. A row of a message is
+///
+/// `name = space type, form, filter => method;`
+///
+/// and a row of a request
+///
+/// `name = request type, form of the request, form of the response => method, method;`
+///
+/// where the second method begins the response. The space is `message`, or `vendor` for the IDs of
+/// vendors. A transfer of the form `short` has one frame, of the form `long` one or several. A
+/// `list(bytes, most)` is a message of entries of so many bytes, at most `most` of them, of which
+/// the receiver keeps those for this node; a `command` is no list and has the lanes of lists.
 macro_rules! received {
-    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $kind:ident = $space:ident $type:path, $form:ident $(, $response:ident)?;)*) => {
-        /// The kind of a received transfer. Its number is the ID of the data type or service, and the bits `REQUEST` and `LONG`.
+    ($(if $if:meta {
+        $($(#[doc = $doc:literal])*
+        $kind:ident = $space:ident $type:path, $form:ident $(($entry_len:literal, $most:literal))?,
+            $behind:ident => $($action:ident),+;)*
+    })*) => {
+        /// The kind of a received transfer. Its number is the ID of the data type or service, and
+        /// the bits `REQUEST` and `LONG`. Those of a part that the build leaves out are `Unknown`.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[repr(u16)]
         pub enum Kind {
             /// A type that the node does not take.
             Unknown = 0,
-            $($(#[doc = $doc])* $(#[cfg($if)])? $kind = received!(@$space $type) | received!(@$form),)*
+            $($(
+                $(#[doc = $doc])*
+                #[cfg($if)]
+                $kind = received!(@number $space $type) | received!(@long $form),
+            )*)*
+        }
+
+        #[allow(non_upper_case_globals, reason = "they stand for variants")]
+        impl Kind {
+            $($(
+                $(#[doc = $doc])*
+                #[cfg(not($if))]
+                pub const $kind: Self = Self::Unknown;
+            )*)*
         }
 
         impl Kind {
             /// All kinds except `Unknown`.
-            pub const ALL: &[Self] = &[$($(#[cfg($if)])? Self::$kind,)*];
+            pub const ALL: &[Self] = &[$($(#[cfg($if)] Self::$kind,)*)*];
+
+            /// True if a message has the ID of a vendor.
+            const HAS_VENDOR: bool =
+                is_any(&[$($(#[cfg($if)] received!(@is_vendor $space),)*)*]);
+
+            /// True if a type of message besides lists has the lanes of lists.
+            const HAS_COMMAND: bool =
+                is_any(&[$($(#[cfg($if)] received!(@is_command $form),)*)*]);
 
             #[inline(always)]
             const fn of(space_and_id: u16) -> Self {
-                $($(#[cfg($if)])? if received!(@is_v0 $space) && space_and_id == received!(@$space $type) {
+                $($(#[cfg($if)] if space_and_id == received!(@number $space $type) {
                     return Self::$kind;
-                })*
+                })*)*
                 Self::Unknown
             }
 
-            /// The initial CRC of a transfer of several frames, also of the response. 0 if no transfer has more than one frame.
+            /// The initial CRC of a transfer of several frames, also of the response. 0 if no
+            /// transfer has more than one frame.
             #[inline(never)]
             pub const fn seed(self) -> u16 {
-                $($(#[cfg($if)])? if (received!(@is_long $form) $(|| received!(@is_long $response))?) && self as u16 == Self::$kind as u16 {
+                $($(#[cfg($if)] if received!(@has_seed $form $behind)
+                    && self as u16 == Self::$kind as u16
+                {
                     return $type.seed;
-                })*
+                })*)*
                 0
+            }
+
+            /// Bytes of an entry of a list; 0 for other transfers.
+            #[inline(always)]
+            pub const fn entry_len(self) -> u8 {
+                $($($(#[cfg($if)] if self as u16 == Self::$kind as u16 {
+                    return $entry_len;
+                })?)*)*
+                0
+            }
+
+            /// The largest number of entries of a list.
+            #[inline(always)]
+            const fn most(self) -> u8 {
+                $($($(#[cfg($if)] if self as u16 == Self::$kind as u16 {
+                    return $most;
+                })?)*)*
+                0
+            }
+
+            /// True for a command that is no list.
+            #[inline(always)]
+            const fn is_command(self) -> bool {
+                $($(#[cfg($if)] if received!(@is_command $form)
+                    && self as u16 == Self::$kind as u16
+                {
+                    return true;
+                })*)*
+                false
+            }
+
+            /// Where the controller's filters let it pass.
+            pub const fn filter(self) -> Filter {
+                match self {
+                    Self::Unknown => Filter::Request,
+                    $($(#[cfg($if)] Self::$kind => received!(@filter $space $behind),)*)*
+                }
+            }
+        }
+
+        impl Node {
+            /// Acts on a complete transfer of this node. Returns the line to log, which is the
+            /// reason of a refusal if it is refused.
+            #[inline(always)]
+            pub(super) fn act<P: Constants>(
+                &mut self,
+                transfer: &Transfer,
+                context: &mut Context<P>,
+            ) -> Line {
+                // Two searches: a command must not wait for those of the requests.
+                let is_request = transfer.kind.is_request();
+                $($(#[cfg($if)] if received!(@is_request $space)
+                    && is_request
+                    && transfer.kind as u16 == Kind::$kind as u16
+                {
+                    return received!(@first ($($action),+)(self, transfer, context));
+                })*)*
+                $($(#[cfg($if)] if !received!(@is_request $space)
+                    && !is_request
+                    && transfer.kind as u16 == Kind::$kind as u16
+                {
+                    return received!(@first ($($action),+)(self, transfer, context));
+                })*)*
+                Line::NONE
+            }
+
+            /// Begins the response to a request of this kind. Returns false if it has to wait.
+            #[inline(always)]
+            #[allow(unused_variables, reason = "a build may have no request")]
+            pub(super) fn respond<C: CanCounters, P: Constants>(
+                &mut self,
+                request: &Pending,
+                context: &mut Response<C, P>,
+            ) -> bool {
+                $($(#[cfg($if)] if received!(@is_request $space)
+                    && request.kind as u16 == Kind::$kind as u16
+                {
+                    return received!(@last ($($action),+)(self, request, context));
+                })*)*
+                true
             }
         }
 
         const _: () = {
-            $($(#[cfg($if)])? assert!(Kind::$kind.id() == $type.id as u16, "its bits are taken");)*
+            $($(#[cfg($if)] assert!(Kind::$kind.id() == $type.id as u16, "its bits are taken");)*)*
         };
     };
-    (@message $type:path) => { $type.id as u16 };
-    (@draft $type:path) => { $type.id as u16 };
-    (@request $type:path) => { REQUEST | $type.id as u16 };
-    (@vendor $type:path) => { VENDOR | $type.id as u16 & VENDOR_ID };
-    (@is_v0 draft) => { false };
-    (@is_v0 $space:ident) => { true };
-    (@is_long long) => { true };
-    (@is_long short) => { false };
-    (@short) => { 0 };
-    (@long) => { LONG };
+    (@number message $type:path) => { $type.id as u16 };
+    (@number request $type:path) => { REQUEST | $type.id as u16 };
+    (@number vendor $type:path) => { VENDOR | $type.id as u16 & VENDOR_ID };
+    (@is_request request) => { true };
+    (@is_request $space:ident) => { false };
+    (@is_vendor vendor) => { true };
+    (@is_vendor $space:ident) => { false };
+    (@is_command command) => { true };
+    (@is_command $form:ident) => { false };
+    (@long short) => { 0 };
+    (@long $form:ident) => { LONG };
+    (@has_seed short short) => { false };
+    (@has_seed short long) => { true };
+    (@has_seed short $filter:ident) => { false };
+    (@has_seed $form:ident $behind:ident) => { true };
+    (@filter request $form:ident) => { Filter::Request };
+    (@filter $space:ident $filter:ident) => { Filter::$filter };
+    (@first ($method:ident $(, $other:ident)?)($($value:ident),*)) => {
+        Node::$method($($value),*)
+    };
+    (@last ($method:ident)($($value:ident),*)) => { true };
+    (@last ($other:ident, $method:ident)($($value:ident),*)) => { Node::$method($($value),*) };
+}
+
+/// True if one of the values is true.
+const fn is_any(values: &[bool]) -> bool {
+    let mut n = 0;
+    while n < values.len() {
+        if values[n] {
+            return true;
+        }
+        n += 1;
+    }
+    false
 }
 
 /// thesis.ServoCommand. Its transfers have one frame, and no CRC.
 const SERVO_COMMAND: Message = Message { id: 1111, seed: 0 };
 
-/// ArrayCommand of the draft of 2014.
-#[cfg(feature = "draft")]
-const DRAFT_COMMAND: Message = Message { id: 265, seed: 0xBFEF };
-
 received! {
-    /// uavcan.equipment.actuator.ArrayCommand
-    ArrayCommand = message types::ARRAY_COMMAND, long;
-    /// uavcan.equipment.esc.RawCommand
-    #[cfg(feature = "outputs")]
-    RawCommand = message types::ESC_RAW_COMMAND, long;
-    /// uavcan.protocol.NodeStatus
-    NodeStatus = message types::NODE_STATUS, short;
-    /// thesis.ServoCommand
-    ServoCommand = message SERVO_COMMAND, short;
-    /// uavcan.equipment.safety.ArmingStatus
-    #[cfg(feature = "standard")]
-    ArmingStatus = message types::ARMING_STATUS, short;
-    /// ardupilot.indication.SafetyState
-    #[cfg(feature = "safety")]
-    SafetyState = vendor types::SAFETY_STATE, short;
-    /// uavcan.equipment.indication.LightsCommand
-    #[cfg(feature = "lights")]
-    LightsCommand = message types::LIGHTS_COMMAND, long;
-    /// uavcan.tunnel.Targetted
-    #[cfg(feature = "tunnel")]
-    Targetted = message types::TUNNEL_TARGETTED, short;
-    /// uavcan.protocol.dynamic_node_id.Allocation
-    #[cfg(feature = "allocation")]
-    Allocation = message types::ALLOCATION, long;
-    /// uavcan.protocol.GetNodeInfo
-    GetNodeInfo = request types::GET_NODE_INFO, short, long;
-    /// uavcan.protocol.RestartNode
-    RestartNode = request types::RESTART_NODE, short, short;
-    /// uavcan.protocol.param.GetSet
-    #[cfg(feature = "standard")]
-    GetSet = request types::GET_SET, long, long;
-    /// uavcan.protocol.param.ExecuteOpcode
-    #[cfg(feature = "standard")]
-    ExecuteOpcode = request types::EXECUTE_OPCODE, short, short;
-    /// uavcan.protocol.file.BeginFirmwareUpdate
-    #[cfg(feature = "standard")]
-    BeginFirmwareUpdate = request types::BEGIN_FIRMWARE_UPDATE, long, long;
-    /// uavcan.protocol.GetTransportStats
-    #[cfg(feature = "stats")]
-    GetTransportStats = request types::GET_TRANSPORT_STATS, short, long;
-    /// ArrayCommand of the draft of 2014: entries of three bytes, without a command type.
-    #[cfg(feature = "draft")]
-    DraftCommand = draft DRAFT_COMMAND, long;
+    if not(feature = "draft") {
+        /// uavcan.equipment.actuator.ArrayCommand
+        ArrayCommand = message types::ARRAY_COMMAND, list(4, 15), Rxb0 => act_on_array_command;
+    }
+    if feature = "outputs" {
+        /// uavcan.equipment.esc.RawCommand
+        RawCommand = message types::ESC_RAW_COMMAND, command, WithMotors => act_on_raw_command;
+    }
+    if all() {
+        /// uavcan.protocol.NodeStatus
+        NodeStatus = message types::NODE_STATUS, short, Rxb1 => act_on_status;
+        /// thesis.ServoCommand
+        ServoCommand = message SERVO_COMMAND, short, Rxb1 => act_on_servo_command;
+    }
+    if feature = "standard" {
+        /// uavcan.equipment.safety.ArmingStatus
+        ArmingStatus = message types::ARMING_STATUS, short, Rxb1 => act_on_arming_status;
+    }
+    if feature = "safety" {
+        /// ardupilot.indication.SafetyState
+        SafetyState = vendor types::SAFETY_STATE, short, Rxb1 => act_on_safety_state;
+    }
+    if feature = "lights" {
+        /// uavcan.equipment.indication.LightsCommand
+        LightsCommand = message types::LIGHTS_COMMAND, list(3, 20), Rxb1 => act_on_lights_command;
+    }
+    if feature = "tunnel" {
+        /// uavcan.tunnel.Targetted
+        Targetted = message types::TUNNEL_TARGETTED, short, Rxb1 => act_on_targetted;
+    }
+    if feature = "allocation" {
+        /// uavcan.protocol.dynamic_node_id.Allocation
+        Allocation = message types::ALLOCATION, long, WithoutId => act_on_allocation;
+    }
+    if not(feature = "draft") {
+        /// uavcan.protocol.GetNodeInfo
+        GetNodeInfo = request types::GET_NODE_INFO, short, long => accept, respond_node_info;
+        /// uavcan.protocol.RestartNode
+        RestartNode = request types::RESTART_NODE, short, short => act_on_restart, respond_ok;
+    }
+    if feature = "standard" {
+        /// uavcan.protocol.param.GetSet
+        GetSet = request types::GET_SET, long, long => act_on_get_set, respond_get_set;
+        /// uavcan.protocol.param.ExecuteOpcode
+        ExecuteOpcode = request types::EXECUTE_OPCODE, short, short
+            => act_on_opcode, respond_opcode;
+        /// uavcan.protocol.file.BeginFirmwareUpdate
+        BeginFirmwareUpdate = request types::BEGIN_FIRMWARE_UPDATE, long, long
+            => act_on_update, respond_update;
+    }
+    if feature = "stats" {
+        /// uavcan.protocol.GetTransportStats
+        GetTransportStats = request types::GET_TRANSPORT_STATS, short, long
+            => accept, respond_stats;
+    }
 }
 
 impl Kind {
     /// The kind of a message with this data type ID.
     #[inline(always)]
     pub const fn of_message(data_type: u16) -> Self {
-        #[cfg(feature = "safety")]
-        if data_type & !VENDOR_ID == LONG {
+        if Self::HAS_VENDOR && data_type & !VENDOR_ID == LONG {
             return Self::of(VENDOR | data_type & VENDOR_ID);
         }
         match Self::of(data_type & !REQUEST) {
@@ -150,8 +321,7 @@ impl Kind {
     /// The ID of the data type or service.
     #[inline(always)]
     pub const fn id(self) -> u16 {
-        #[cfg(feature = "safety")]
-        if self as u16 & VENDOR == VENDOR {
+        if Self::HAS_VENDOR && self as u16 & VENDOR == VENDOR {
             return LONG | self as u16 & VENDOR_ID;
         }
         self as u16 & ID
@@ -160,10 +330,8 @@ impl Kind {
     /// True for a request to this node.
     #[inline(always)]
     pub const fn is_request(self) -> bool {
-        #[cfg(feature = "safety")]
-        return self as u16 & VENDOR == REQUEST;
-        #[cfg(not(feature = "safety"))]
-        return self as u16 & REQUEST != 0;
+        let mask = if Self::HAS_VENDOR { VENDOR } else { REQUEST };
+        self as u16 & mask == REQUEST
     }
 
     /// True if a transfer can have several frames.
@@ -171,46 +339,16 @@ impl Kind {
     pub const fn is_long(self) -> bool {
         self as u16 & LONG != 0
     }
-
-    /// Bytes of an entry for a list, of which the node keeps only the entries with its own ID; 0
-    /// for other transfers.
-    #[inline(always)]
-    pub const fn entry_len(self) -> u8 {
-        match self {
-            Self::ArrayCommand => 4,
-            #[cfg(feature = "lights")]
-            Self::LightsCommand => 3,
-            #[cfg(feature = "draft")]
-            Self::DraftCommand => 3,
-            _ => 0,
-        }
-    }
-
-    /// True for a list, of which the node keeps only the entries with its own ID.
-    #[inline(always)]
-    pub const fn is_list(self) -> bool {
-        self.entry_len() != 0
-    }
-
-    /// True for a command for an output.
-    #[inline(always)]
-    pub const fn is_command(self) -> bool {
-        match self {
-            Self::ArrayCommand | Self::ServoCommand => true,
-            #[cfg(feature = "outputs")]
-            Self::RawCommand => true,
-            #[cfg(feature = "draft")]
-            Self::DraftCommand => true,
-            _ => false,
-        }
-    }
 }
 
 impl Received for Kind {
     const UNKNOWN: Self = Self::Unknown;
 
     /// ArrayCommand and RawCommand.
-    const LANE_FOR_EACH_TYPE: bool = cfg!(feature = "outputs");
+    const LANE_FOR_EACH_TYPE: bool = Self::HAS_COMMAND;
+
+    /// With several outputs a full bus leaves no time to spare, and the chip has the flash.
+    const TAKES_ENTRIES: bool = OUTPUTS > 1;
 
     #[inline(always)]
     fn of_message(data_type: u16) -> Self {
@@ -223,14 +361,10 @@ impl Received for Kind {
     }
 
     /// A node without an ID receives the Allocation requests of other nodes.
-    #[cfg(feature = "allocation")]
     #[inline(always)]
     fn of_anonymous(data_type: u8, node: u8) -> Self {
-        if node == 0 && u16::from(data_type) == Self::Allocation.id() {
-            Self::Allocation
-        } else {
-            Self::Unknown
-        }
+        let is_allocation = u16::from(data_type) == Self::Allocation.id();
+        if node == 0 && is_allocation { Self::Allocation } else { Self::Unknown }
     }
 
     #[inline(always)]
@@ -250,20 +384,12 @@ impl Received for Kind {
 
     #[inline(always)]
     fn has_own_lanes(self) -> bool {
-        #[cfg(feature = "outputs")]
-        return self.is_list() || self == Self::RawCommand;
-        #[cfg(not(feature = "outputs"))]
-        self.is_list()
+        self.entry_len() != 0 || self.is_command()
     }
 
-    /// DSDL: 1010.ArrayCommand.uavcan, 1081.LightsCommand.uavcan.
     #[inline(always)]
     fn most_entries(self) -> u8 {
-        match self {
-            #[cfg(feature = "lights")]
-            Self::LightsCommand => 20,
-            _ => 15,
-        }
+        self.most()
     }
 
     #[inline(always)]
@@ -272,5 +398,5 @@ impl Received for Kind {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "draft")))]
 mod tests;

@@ -1,27 +1,32 @@
-//! The payloads of the node's messages.
+//! The payloads of the node's messages, and the way of a frame to the controller.
 
 use dronecan_wire::{Id, float16};
 use mcp2515_ordered::Frame;
 
 use super::health::CanCounters;
-#[cfg(feature = "standard")]
-use super::parameters::OutputParameter;
-use super::parameters::Parameter;
+use super::parameters::{OutputParameter, Parameter};
 use super::publisher::Publication;
-use super::{Constants, Node, Sending};
-#[cfg(feature = "draft")]
-use super::{draft, health::Level};
+use super::services::Response;
+use super::{Constants, Node};
 use crate::monitor::Monitor;
-
-/// Priority of periodic messages. ArduPilot's own peripherals use the same.
-const PRIORITY_LOW: u8 = 24;
+use crate::parts::dialect;
 
 /// Priority of Allocation requests, as in the specification's example.
-#[cfg(feature = "allocation")]
 const PRIORITY_LOWER: u8 = 30;
 
 /// NodeStatus mode: the node has measured no temperature yet.
 const MODE_INITIALIZATION: u8 = 1;
+
+/// The transfer that the outgoing frames belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sending {
+    /// The node's status.
+    Status,
+    /// Another message.
+    Message,
+    /// The response to the oldest request.
+    Response,
+}
 
 impl Node {
     /// True if [`prepare`](Self::prepare) may have something to do.
@@ -48,11 +53,11 @@ impl Node {
         }
         // Setting filters takes the controller off the bus and loses the frames that it has not
         // sent. So no new transfer begins before.
-        if self.awaits_filters() {
+        if self.filters_s != 0 {
             return false;
         }
         self.begin_message(counters, now_ms)
-            || self.id != 0 && self.begin_reply(counters, flash, monitor)
+            || self.id != 0 && self.begin_response(&mut Response { counters, flash, monitor })
     }
 
     /// True if a frame is ready.
@@ -66,15 +71,16 @@ impl Node {
     }
 
     /// Notes that the controller took the frame.
+    #[inline(always)]
     pub fn handed_over(&mut self, now_ms: u16) {
         if !self.outgoing.handed_over() {
             return;
         }
-        self.health.transfers.sent();
+        self.stats.count_sent();
         match self.sending {
             Sending::Status => self.publisher.status_handed_over(now_ms),
             Sending::Message => {}
-            Sending::Reply => self.services.replied(now_ms),
+            Sending::Response => self.services.responded(now_ms),
         }
     }
 
@@ -83,129 +89,137 @@ impl Node {
         self.publisher.controller_is_empty(now_ms);
     }
 
-    /// Puts the payload of a NodeStatus, in the dialect of the current transfer.
+    /// Begins the first message that is due and can be sent. Returns false if there is none.
+    #[inline(always)]
+    fn begin_message(&mut self, counters: &impl CanCounters, now_ms: u16) -> bool {
+        let has_temperature = self.temperature.has_sensor();
+        let Some((publication, transfer_id)) =
+            self.publisher.next(now_ms, self.id != 0, has_temperature)
+        else {
+            return false;
+        };
+        self.outgoing.clear();
+        if !self.put(publication, counters, now_ms) {
+            return false;
+        }
+        self.sending =
+            if publication == Publication::NodeStatus { Sending::Status } else { Sending::Message };
+        let id = if publication.is_anonymous() {
+            // The discriminator is 14 bits of the CRC, so that requests of different nodes have
+            // different identifiers.
+            let discriminator = self.outgoing.sum() >> 1;
+            Id::anonymous(PRIORITY_LOWER, publication.data_type(), discriminator).to_bytes()
+        } else {
+            dialect::message_id(publication.data_type(), self.id)
+        };
+        self.outgoing.begin(id, transfer_id, publication.seed());
+        true
+    }
+
+    /// Puts the payload of a NodeStatus.
     #[inline(never)]
     pub(super) fn put_status(&mut self) {
         let level = self.health.level(&self.parameters);
         let mode = if self.temperature.is_known() { 0 } else { MODE_INITIALIZATION };
-        let [u0, u1, u2, u3] = self.uptime_sec.to_le_bytes();
-        self.outgoing.put16(u16::from_le_bytes([u0, u1]));
-        self.outgoing.put8(u2);
-        #[cfg(feature = "draft")]
-        if self.outgoing.is_draft() {
-            // 28 bits of uptime, then the status: 0 is OK, 1 initialising, 2 warning, 3 critical.
-            let status = match level {
-                Level::Ok => mode,
-                Level::Warning => 2,
-                _ => 3,
-            };
-            self.outgoing.put8(u3 << 4 | status);
-            return self.outgoing.put16(self.health.code());
-        }
-        self.outgoing.put8(u3);
-        self.outgoing.put8((level as u8) << 6 | mode << 3);
-        self.outgoing.put16(self.health.code());
+        let outgoing = &mut self.outgoing;
+        let code = self.health.code();
+        let len = dialect::put_status(self.uptime_sec, level, mode, code, &mut |word| {
+            outgoing.put16(word);
+        });
+        self.outgoing.payload.len = len;
+    }
+}
+
+/// The payloads of the messages, which the table of sent types names. Each returns false if there
+/// is nothing to send now.
+#[allow(dead_code, reason = "a build may leave out the row that names one")]
+impl Node {
+    #[inline(always)]
+    pub(super) fn put_status_message(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        self.put_status();
+        true
     }
 
-    /// Begins the first message that is due and can be sent. Returns false if there is none.
     #[inline(always)]
-    fn begin_message(&mut self, counters: &impl CanCounters, now_ms: u16) -> bool {
-        // The draft has no Allocation, so a node without an ID sends in v0.
-        let is_draft = self.dialect.is_draft() && self.id != 0;
-        let has_temperature = self.temperature.has_sensor();
-        let Some((publication, transfer_id)) =
-            self.publisher.next(now_ms, self.id != 0, has_temperature, is_draft)
-        else {
-            return false;
-        };
-        self.sending =
-            if publication == Publication::NodeStatus { Sending::Status } else { Sending::Message };
-        self.outgoing.clear(is_draft);
-        #[allow(unused_mut, reason = "a build may have no anonymous message")]
-        let mut id = Id::message(PRIORITY_LOW, publication.data_type(), self.id);
-        match publication {
-            Publication::NodeStatus => self.put_status(),
-            Publication::DegreesCelsius => {
-                self.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8)
-            }
-            #[cfg(feature = "standard")]
-            Publication::ActuatorStatus => {
-                let Some(output) = self.actuators.next_to_report() else { return false };
-                self.outgoing.put8(self.parameters.of(output, OutputParameter::Id) as u8);
-                self.outgoing.put16(self.actuators.position(output));
-                // Force and speed are not measured.
-                self.outgoing.put16(float16::NAN);
-                self.outgoing.put16(float16::NAN);
-                #[cfg(feature = "power")]
-                self.outgoing.put8(self.power.rating_percent(output, &self.parameters));
-                #[cfg(not(feature = "power"))]
-                {
-                    const POWER_UNKNOWN: u8 = 127;
-                    self.outgoing.put8(POWER_UNKNOWN);
-                }
-            }
-            Publication::Temperature => {
-                self.outgoing.put16(self.parameters.get(Parameter::TempId));
-                self.outgoing.put16(float16::from_fixed(self.temperature.kelvin_64ths(), 6));
-                self.outgoing.put8(self.temperature.flags());
-            }
-            #[cfg(feature = "stats")]
-            Publication::CanStats => {
-                self.outgoing.put8(0);
-                for n in 0..mcp2515_ordered::WORDS {
-                    self.outgoing.put16(counters.word(n));
-                }
-            }
-            // The draft has no KeyValue: the node sends the count as the thesis's measurement.
-            #[cfg(feature = "button")]
-            Publication::KeyValue if is_draft => self.outgoing.put8(self.button.count() as u8),
-            #[cfg(feature = "button")]
-            Publication::KeyValue => {
-                let [high, low] = float16::to_float32(self.button.count());
-                self.outgoing.put16(low);
-                self.outgoing.put16(high);
-                self.outgoing.put16(u16::from_le_bytes(*b"bt"));
-                self.outgoing.put8(b'n');
-            }
-            #[cfg(feature = "tunnel")]
-            Publication::Targetted => self.tunnel.take(now_ms, |byte| self.outgoing.put8(byte)),
-            #[cfg(feature = "outputs")]
-            Publication::FailsafeOutputs => {
-                let [high, low] = float16::to_float32(self.actuators.failing().into());
-                self.outgoing.put16(low);
-                self.outgoing.put16(high);
-                self.outgoing.put16(u16::from_le_bytes(*b"fs"));
-            }
-            #[cfg(feature = "power")]
-            Publication::CircuitStatus if !self.power.is_known() => return false,
-            #[cfg(feature = "power")]
-            Publication::CircuitStatus => {
-                self.outgoing.put16(self.parameters.get(Parameter::Pwr1Id));
-                self.outgoing.put16(self.power.voltage());
-                self.outgoing.put16(self.power.current());
-                self.outgoing.put8(self.power.flags());
-            }
-            #[cfg(feature = "allocation")]
-            Publication::Allocation => {
-                self.allocation.ask(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));
-                // The discriminator is 14 bits of the CRC, so that requests of different nodes have
-                // different identifiers.
-                id = Id::anonymous(
-                    PRIORITY_LOWER,
-                    Publication::Allocation.data_type(),
-                    self.outgoing.sum() >> 1,
-                );
-            }
-        }
-        let _ = counters;
-        #[cfg(feature = "draft")]
-        if is_draft {
-            let is_status = publication == Publication::NodeStatus;
-            let upper = if is_status { draft::sent::NODE_STATUS } else { draft::sent::MEASUREMENT };
-            self.outgoing.begin(draft::id(upper, self.id), transfer_id, 0);
-            return true;
-        }
-        self.outgoing.begin(id.to_bytes(), transfer_id, publication.seed());
+    pub(super) fn put_degrees_celsius(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        self.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8);
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn put_presses(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        self.outgoing.put8(self.button.count() as u8);
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn put_actuator_status(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        let Some(output) = self.outputs.next_to_report() else { return false };
+        self.outgoing.put8(self.parameters.of(output, OutputParameter::Id) as u8);
+        self.outgoing.put16(self.outputs.position(output));
+        // Force and speed are not measured.
+        self.outgoing.put16(float16::NAN);
+        self.outgoing.put16(float16::NAN);
+        self.outgoing.put8(self.power.rating_percent(output, &self.parameters));
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn put_temperature(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        self.outgoing.put16(self.parameters.get(Parameter::TempId));
+        self.outgoing.put16(float16::from_fixed(self.temperature.kelvin_64ths(), 6));
+        self.outgoing.put8(self.temperature.flags());
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn put_can_stats(&mut self, counters: &impl CanCounters, _now_ms: u16) -> bool {
+        // The only interface.
+        self.outgoing.put8(0);
+        self.stats.put_can(counters, |word| self.outgoing.put16(word));
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn put_key_value(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        self.put_float32(self.button.count());
+        self.outgoing.put16(u16::from_le_bytes(*b"bt"));
+        self.outgoing.put8(b'n');
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn put_failsafe_outputs(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        self.put_float32(self.outputs.failing().into());
+        self.outgoing.put16(u16::from_le_bytes(*b"fs"));
+        true
+    }
+
+    #[inline(never)]
+    fn put_float32(&mut self, number: u16) {
+        let [high, low] = float16::to_float32(number);
+        self.outgoing.put16(low);
+        self.outgoing.put16(high);
+    }
+
+    #[inline(always)]
+    pub(super) fn put_targetted(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
+        self.tunnel.take(now_ms, |byte| self.outgoing.put8(byte));
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn put_circuit_status(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        self.outgoing.put16(self.parameters.get(Parameter::Pwr1Id));
+        self.outgoing.put16(self.power.voltage());
+        self.outgoing.put16(self.power.current());
+        self.outgoing.put8(self.power.flags());
+        self.power.is_known()
+    }
+
+    #[inline(always)]
+    pub(super) fn put_allocation(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
+        self.allocation.request(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));
         true
     }
 }

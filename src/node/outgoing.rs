@@ -7,15 +7,10 @@ use dronecan_wire::{Buffer, Sender};
 
 use mcp2515_ordered::Frame;
 
+use super::parameters::Response;
+use super::publisher::LONGEST;
 use super::{Constants, information};
-
-#[cfg(feature = "draft")]
-use super::draft;
-#[cfg(feature = "standard")]
-use super::parameters::{self, Descriptions};
-#[cfg(feature = "standard")]
-use crate::progmem::Progmem;
-#[cfg(feature = "allocation")]
+use crate::parts::{dialect, stats, update};
 use dronecan_wire::crc;
 
 /// The source of a payload's bytes.
@@ -26,18 +21,15 @@ pub enum Form {
     /// Seven kept bytes, the versions, the unique ID, the name (GetNodeInfo).
     NodeInfo,
     /// A parameter (GetSet).
-    #[cfg(feature = "standard")]
     Parameter,
     /// One kept byte, then a text (BeginFirmwareUpdate).
-    #[cfg(feature = "standard")]
     Text,
     /// Kept numbers of two bytes, each followed by four zeros (GetTransportStats).
-    #[cfg(feature = "stats")]
     Numbers48,
 }
 
-/// The largest number of kept bytes: a CanStats or a Targetted, or without them an actuator.Status.
-pub const KEPT: usize = if cfg!(any(feature = "stats", feature = "tunnel")) { 25 } else { 8 };
+/// The largest number of kept bytes: the longest message, or a NodeStatus.
+pub const KEPT: usize = if LONGEST > 8 { LONGEST } else { 8 };
 
 /// An outgoing transfer, frame by frame.
 pub struct Outgoing {
@@ -46,8 +38,6 @@ pub struct Outgoing {
     pub payload: Payload,
     /// The frame that is being made, or is ready.
     pub frame: Frame,
-    #[cfg(feature = "draft")]
-    framing: Framing,
 }
 
 /// The payload of a transfer.
@@ -56,31 +46,17 @@ pub struct Payload {
     pub len: u8,
     /// The source of the bytes.
     pub form: Form,
-    /// The parameter of a [`Form::Parameter`], its value, and the place of its name in the flash.
-    #[cfg(feature = "standard")]
-    pub parameter: (u8, u16, u16),
+    /// The parameter of a [`Form::Parameter`].
+    pub parameter: Response,
     /// The place of the text of a [`Form::Text`] in the information in flash.
-    #[cfg(feature = "update")]
     pub text_at: u8,
     /// The kept bytes.
     kept: [u8; KEPT],
 }
 
-/// Framing of a transfer of the draft.
-#[cfg(feature = "draft")]
-struct Framing {
-    is_draft: bool,
-    /// Bytes before the payload of each frame: 1 in a response, for the destination.
-    lead: u8,
-    /// Number of frames before this one.
-    index: u8,
-}
-
 /// A payload, and the sources of the bytes that are not kept.
 struct Source<'a, P> {
     payload: &'a Payload,
-    /// Bytes left out at the beginning.
-    skipped: u8,
     unique_id: &'a [u8; 16],
     flash: P,
 }
@@ -88,30 +64,27 @@ struct Source<'a, P> {
 impl<P: Constants> dronecan_wire::Payload for Source<'_, P> {
     #[inline(always)]
     fn len(&self) -> u8 {
-        self.payload.len - self.skipped
+        self.payload.len
     }
 
     #[inline(always)]
     fn byte(&self, at: u8) -> u8 {
-        self.payload.byte(at + self.skipped, self.unique_id, self.flash)
+        self.payload.byte(at, self.unique_id, self.flash)
     }
 }
 
-/// The data of a frame after the bytes before its payload.
-struct Data<'a> {
-    frame: &'a mut Frame,
-    lead: u8,
-}
+/// The data of a frame.
+struct Data<'a>(&'a mut Frame);
 
 impl Buffer for Data<'_> {
     #[inline(always)]
     fn len(&self) -> u8 {
-        self.frame.len - self.lead
+        self.0.len
     }
 
     #[inline(always)]
     fn push(&mut self, byte: u8) {
-        self.frame.push(byte);
+        self.0.push(byte);
     }
 }
 
@@ -123,15 +96,11 @@ impl Outgoing {
             payload: Payload {
                 len: 0,
                 form: Form::Kept,
-                #[cfg(feature = "standard")]
-                parameter: (0, 0, 0),
-                #[cfg(feature = "update")]
+                parameter: Response::NONE,
                 text_at: 0,
                 kept: [0; KEPT],
             },
             frame: Frame::EMPTY,
-            #[cfg(feature = "draft")]
-            framing: Framing { is_draft: false, lead: 0, index: 0 },
         }
     }
 
@@ -147,32 +116,11 @@ impl Outgoing {
         self.sender.is_ready()
     }
 
-    /// True if the transfer is one of the draft.
-    #[cfg(feature = "draft")]
-    pub fn is_draft(&self) -> bool {
-        self.framing.is_draft
-    }
-
-    /// Begins a new payload without any bytes: a message whose bytes are kept. Set another [`Form`]
-    /// or call `reply_to` afterwards.
+    /// Begins a new payload without any bytes: all bytes are kept. Set another [`Form`] afterwards.
     #[inline(never)]
-    pub fn clear(&mut self, is_draft: bool) {
-        #[cfg(feature = "draft")]
-        {
-            self.framing = Framing { is_draft, lead: 0, index: 0 };
-        }
-        let _ = is_draft;
+    pub fn clear(&mut self) {
         self.payload.form = Form::Kept;
         self.payload.len = 0;
-    }
-
-    /// Sets the destination of a response of the draft.
-    #[cfg(feature = "draft")]
-    #[inline(always)]
-    pub fn reply_to(&mut self, to: u8) {
-        self.framing.lead = 1;
-        let [destination, ..] = &mut self.frame.data;
-        *destination = to;
     }
 
     /// Keeps another byte of the payload.
@@ -194,7 +142,6 @@ impl Outgoing {
     }
 
     /// The CRC of the kept bytes, without a signature.
-    #[cfg(feature = "allocation")]
     pub fn sum(&self) -> u16 {
         (0..self.payload.len).fold(0xFFFF, |sum, at| crc::add(sum, self.payload.kept(at)))
     }
@@ -204,50 +151,24 @@ impl Outgoing {
     #[inline(never)]
     pub fn begin(&mut self, id: [u8; 4], transfer_id: u8, seed: u16) {
         self.frame.id = id;
-        self.frame.len = self.lead();
-        self.sender.begin(self.payload.len - self.skipped(), transfer_id, seed);
+        self.frame.len = 0;
+        self.sender.begin(self.payload.len, transfer_id, seed);
     }
 
     /// Makes the next bytes of the transfer, up to the end of the frame. Do not call while a frame
     /// is ready.
     #[inline(never)]
     pub fn step(&mut self, unique_id: &[u8; 16], flash: impl Constants) {
-        let source = Source { payload: &self.payload, skipped: self.skipped(), unique_id, flash };
-        let lead = self.lead();
-        let mut data = Data { frame: &mut self.frame, lead };
-        let Some(tail) = self.sender.fill(&source, &mut data) else { return };
-        #[cfg(feature = "draft")]
-        if self.framing.is_draft {
-            draft::set_place(&mut self.frame.id, self.framing.index, tail);
-            self.framing.index += 1;
-            return;
+        let source = Source { payload: &self.payload, unique_id, flash };
+        if let Some(tail) = self.sender.fill(&source, &mut Data(&mut self.frame)) {
+            dialect::finish(&mut self.frame, tail);
         }
-        self.frame.push(tail.0);
-    }
-
-    /// Bytes before the payload of each frame.
-    #[inline(always)]
-    fn lead(&self) -> u8 {
-        #[cfg(feature = "draft")]
-        return self.framing.lead;
-        #[cfg(not(feature = "draft"))]
-        return 0;
-    }
-
-    /// Bytes of the payload that are left out. The status in a GetNodeInfo response of the draft is
-    /// one byte shorter, so the first byte is left out.
-    #[inline(always)]
-    fn skipped(&self) -> u8 {
-        #[cfg(feature = "draft")]
-        return u8::from(self.framing.is_draft && self.payload.form == Form::NodeInfo);
-        #[cfg(not(feature = "draft"))]
-        return 0;
     }
 
     /// Notes that the frame was handed over. Returns true if it was the last of the transfer.
     #[inline(always)]
     pub fn handed_over(&mut self) -> bool {
-        self.frame.len = self.lead();
+        self.frame.len = 0;
         self.sender.sent()
     }
 }
@@ -277,29 +198,14 @@ impl Payload {
                 }
                 flash.information(information::index_of(at - skipped))
             }
-            #[cfg(feature = "standard")]
-            Form::Parameter => {
-                let (index, value, name_at) = self.parameter;
-                match at.checked_sub(parameters::NUMBERS_LEN) {
-                    Some(n) => Progmem::<Descriptions>::byte(flash, name_at + u16::from(n)),
-                    None => parameters::response_byte(at, value, index, flash),
-                }
-            }
-            #[cfg(feature = "standard")]
-            Form::Text if at == 0 => self.kept(0),
-            #[cfg(feature = "standard")]
-            Form::Text => {
-                #[cfg(feature = "update")]
-                let text_at = self.text_at;
-                #[cfg(not(feature = "update"))]
-                let text_at = information::NO_UPDATE_AT;
-                flash.information(text_at - 1 + at)
-            }
-            #[cfg(feature = "stats")]
-            Form::Numbers48 => {
+            Form::Parameter => self.parameter.byte(at, flash),
+            Form::Text if !update::HAS_TEXTS || at == 0 => self.kept(0),
+            Form::Text => flash.information(self.text_at - 1 + at),
+            Form::Numbers48 if stats::LEN != 0 => {
                 let (number, at) = (at / 6, at % 6);
                 if at < 2 { self.kept(number * 2 + at) } else { 0 }
             }
+            Form::Numbers48 => 0,
         }
     }
 }
@@ -310,5 +216,5 @@ impl Default for Outgoing {
     }
 }
 
-#[cfg(test)]
+#[cfg(all(test, not(feature = "draft")))]
 mod tests;

@@ -2,9 +2,12 @@
 //! [`messages`](super::messages) has their payloads.
 
 use dronecan_wire::Tail;
-use dronecan_wire::types::{self, Message};
+use dronecan_wire::types::Message;
 
+use super::Node;
+use super::health::CanCounters;
 use super::parameters::{Parameter, Parameters};
+use crate::parts::dialect;
 
 /// The longest time between two statuses, in milliseconds (DSDL 341.NodeStatus.uavcan,
 /// MAX_BROADCASTING_PERIOD_MS).
@@ -19,95 +22,240 @@ const MIN_STATUS_PERIOD_MS: u16 = 500;
 /// own.
 const AUTOPILOT_GRACE_MS: u16 = 25;
 
-/// The node sends the thesis's temperature once for this number of statuses from the autopilot.
-const STATUSES_PER_DEGREES: u8 = 3;
+/// When a message is sent.
+#[allow(dead_code, reason = "a build may have no message with a rate")]
+enum When {
+    /// So many times a second as the parameter says.
+    Rate(Parameter),
+    /// On an event.
+    Event,
+}
 
-/// A row is `name = type, form;`. A transfer of the form `short` has one frame.
+/// A table of groups, `if condition { rows }`, in the order in which messages leave when several
+/// are due. A row is `name = type, form, greatest length in bytes, when => method;`. A transfer of
+/// the form `short` has one frame. The method puts the payload, and returns false if there is none
+/// to send now.
 macro_rules! publications {
-    ($($(#[doc = $doc:literal])* $(#[cfg($if:meta)])? $name:ident = $type:path, $form:ident;)*) => {
-        /// A message that the node sends.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    ($(if $if:meta {
+        $($(#[doc = $doc:literal])*
+        $name:ident = $type:path, $form:ident, $len:literal, $when:expr => $put:ident;)*
+    })*) => {
         #[repr(u8)]
-        pub enum Publication {
-            $($(#[doc = $doc])* $(#[cfg($if)])? $name,)*
+        enum Place {
+            $($(#[cfg($if)] $name,)*)*
         }
 
-        impl Publication {
-            /// All messages, in the order in which the node sends them when several are due.
-            pub const ALL: &[Self] = &[$($(#[cfg($if)])? Self::$name,)*];
+        /// A message that the node sends. Those of a part that the build leaves out are never sent.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub struct Publication(u8);
 
+        #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration")]
+        impl Publication {
+            $($(
+                $(#[doc = $doc])*
+                #[cfg($if)]
+                pub const $name: Self = Self(Place::$name as u8);
+                $(#[doc = $doc])*
+                #[cfg(not($if))]
+                pub const $name: Self = Self::NONE;
+            )*)*
+        }
+
+        /// The data type of each message.
+        const TYPES: &[Message] = &[$($(#[cfg($if)] $type,)*)*];
+
+        /// When each message is sent.
+        const WHEN: &[When] = &[$($(#[cfg($if)] { use When::*; $when },)*)*];
+
+        /// The greatest length of each payload, in bytes.
+        const LENGTHS: &[u8] = &[$($(#[cfg($if)] $len,)*)*];
+
+        impl Publication {
             /// The data type ID.
             #[inline(always)]
             pub const fn data_type(self) -> u16 {
-                match self {
-                    $($(#[cfg($if)])? Self::$name => $type.id,)*
-                }
+                $($(#[cfg($if)] if self.0 == Self::$name.0 {
+                    return $type.id;
+                })*)*
+                0
             }
 
-            /// The initial CRC of a transfer of several frames. 0 if no transfer has more than one frame.
+            /// The initial CRC of a transfer of several frames. 0 if no transfer has more than one
+            /// frame.
             #[inline(always)]
             pub const fn seed(self) -> u16 {
-                match self {
-                    $($(#[cfg($if)])? Self::$name => publications!(@$form $type),)*
-                }
+                $($(#[cfg($if)] if publications!(@is_long $form) && self.0 == Self::$name.0 {
+                    return $type.seed;
+                })*)*
+                0
+            }
+
+            /// The place of its transfer IDs. Messages of the same type share them.
+            #[inline(always)]
+            const fn counter(self) -> u8 {
+                $($(#[cfg($if)] if const { first_of_type(Self::$name) != Self::$name.0 }
+                    && self.0 == Self::$name.0
+                {
+                    return const { first_of_type(Self::$name) };
+                })*)*
+                self.0
             }
         }
 
         impl Due {
             /// The first message that is due.
+            #[inline(always)]
             fn first(self) -> Option<Publication> {
-                $($(#[cfg($if)])? if self.has(Publication::$name) {
+                $($(#[cfg($if)] if self.has(Publication::$name) {
                     return Some(Publication::$name);
-                })*
+                })*)*
                 None
             }
         }
-    };
-    (@short $type:path) => { 0 };
-    (@long $type:path) => { $type.seed };
-}
 
-/// The thesis's temperature. Its transfers have one frame, and no CRC.
-const DEGREES_CELSIUS: Message = Message { id: 1112, seed: 0 };
+        impl Publisher {
+            /// Makes the messages with a rate due.
+            #[inline(always)]
+            fn pace_all(&mut self, passed_ms: u8, parameters: &Parameters) {
+                $($(#[cfg($if)]
+                if let When::Rate(parameter) = const { &WHEN[Place::$name as usize] } {
+                    let place = const { paces(&WHEN.split_at(Place::$name as usize).0) };
+                    let rate = parameters.get(*parameter) as u8;
+                    self.pace(Publication::$name, place, passed_ms, rate);
+                })*)*
+            }
+        }
+
+        impl Node {
+            /// Puts the payload of a message. Returns false if there is none to send now.
+            #[inline(always)]
+            pub(super) fn put<C: CanCounters>(
+                &mut self,
+                publication: Publication,
+                counters: &C,
+                now_ms: u16,
+            ) -> bool {
+                $($(#[cfg($if)] if publication.0 == Publication::$name.0 {
+                    return self.$put(counters, now_ms);
+                })*)*
+                false
+            }
+        }
+    };
+    (@is_long long) => { true };
+    (@is_long short) => { false };
+}
 
 publications! {
-    /// uavcan.protocol.NodeStatus
-    NodeStatus = types::NODE_STATUS, short;
-    /// thesis.DegreesCelsius
-    DegreesCelsius = DEGREES_CELSIUS, short;
-    /// uavcan.equipment.actuator.Status
-    #[cfg(feature = "standard")]
-    ActuatorStatus = types::ACTUATOR_STATUS, long;
-    /// uavcan.equipment.device.Temperature
-    Temperature = types::DEVICE_TEMPERATURE, short;
-    /// dronecan.protocol.CanStats
-    #[cfg(feature = "stats")]
-    CanStats = types::CAN_STATS, long;
-    /// uavcan.protocol.debug.KeyValue, with the presses of the button.
-    #[cfg(feature = "button")]
-    KeyValue = types::KEY_VALUE, short;
-    /// uavcan.tunnel.Targetted, with characters of the serial monitor.
-    #[cfg(feature = "tunnel")]
-    Targetted = types::TUNNEL_TARGETTED, long;
-    /// uavcan.protocol.debug.KeyValue, with the outputs in failsafe.
-    #[cfg(feature = "outputs")]
-    FailsafeOutputs = types::KEY_VALUE, short;
-    /// uavcan.equipment.power.CircuitStatus
-    #[cfg(feature = "power")]
-    CircuitStatus = types::CIRCUIT_STATUS, short;
-    /// uavcan.protocol.dynamic_node_id.Allocation
-    #[cfg(feature = "allocation")]
-    Allocation = types::ALLOCATION, short;
+    if all() {
+        /// uavcan.protocol.NodeStatus
+        NodeStatus = dialect::NODE_STATUS, short, 7, Event => put_status_message;
+    }
+    if feature = "draft" {
+        /// The thesis's measurement: the temperature in degrees Celsius.
+        DegreesCelsius = dialect::MEASUREMENT, short, 1, Event => put_degrees_celsius;
+        /// The thesis's measurement: the presses of the button.
+        Presses = dialect::MEASUREMENT, short, 1, Event => put_presses;
+    }
+    if feature = "standard" {
+        /// uavcan.equipment.actuator.Status
+        ActuatorStatus = dronecan_wire::types::ACTUATOR_STATUS, long, 8, Rate(Parameter::TelemRate)
+            => put_actuator_status;
+    }
+    if not(feature = "draft") {
+        /// uavcan.equipment.device.Temperature
+        Temperature = dronecan_wire::types::DEVICE_TEMPERATURE, short, 5, Rate(Parameter::TempRate)
+            => put_temperature;
+    }
+    if feature = "stats" {
+        /// dronecan.protocol.CanStats
+        CanStats = dronecan_wire::types::CAN_STATS, long, 25, Rate(Parameter::StatsRate)
+            => put_can_stats;
+    }
+    if all(feature = "button", not(feature = "draft")) {
+        /// uavcan.protocol.debug.KeyValue, with the presses of the button.
+        KeyValue = dronecan_wire::types::KEY_VALUE, short, 7, Event => put_key_value;
+    }
+    if feature = "tunnel" {
+        /// uavcan.tunnel.Targetted, with characters of the serial monitor.
+        Targetted = dronecan_wire::types::TUNNEL_TARGETTED, long, 25, Event => put_targetted;
+    }
+    if feature = "outputs" {
+        /// uavcan.protocol.debug.KeyValue, with the outputs in failsafe.
+        FailsafeOutputs = dronecan_wire::types::KEY_VALUE, short, 6, Event => put_failsafe_outputs;
+    }
+    if feature = "power" {
+        /// uavcan.equipment.power.CircuitStatus
+        CircuitStatus = dronecan_wire::types::CIRCUIT_STATUS, short, 7, Rate(Parameter::PwrRate)
+            => put_circuit_status;
+    }
+    if feature = "allocation" {
+        /// uavcan.protocol.dynamic_node_id.Allocation
+        Allocation = dronecan_wire::types::ALLOCATION, short, 7, Event => put_allocation;
+    }
 }
 
-/// Number of messages, each with its own transfer IDs.
-const COUNT: usize = Publication::ALL.len();
+impl Publication {
+    /// No message.
+    pub const NONE: Self = Self(0xFF);
+
+    /// True for a message that a node without an ID sends.
+    #[inline(always)]
+    pub fn is_anonymous(self) -> bool {
+        Self::Allocation != Self::NONE && self == Self::Allocation
+    }
+}
+
+/// The longest payload of a message, in bytes.
+pub const LONGEST: usize = {
+    let (mut longest, mut n) = (0, 0);
+    while n < LENGTHS.len() {
+        if LENGTHS[n] as usize > longest {
+            longest = LENGTHS[n] as usize;
+        }
+        n += 1;
+    }
+    longest
+};
+
+/// The number of the first message with the type of this one.
+const fn first_of_type(publication: Publication) -> u8 {
+    let mut n = 0;
+    while TYPES[n].id != TYPES[publication.0 as usize].id {
+        n += 1;
+    }
+    n as u8
+}
+
+/// The number of messages with a rate.
+const fn paces(when: &[When]) -> usize {
+    let (mut count, mut n) = (0, 0);
+    while n < when.len() {
+        count += matches!(when[n], When::Rate(_)) as usize;
+        n += 1;
+    }
+    count
+}
+
+/// The number of messages.
+const COUNT: usize = TYPES.len();
 
 /// The bits of [`Due`].
-#[cfg(not(feature = "power"))]
-type Bits = u8;
-#[cfg(feature = "power")]
-type Bits = u16;
+type Bits = <() as Width<{ COUNT > 8 }>>::Bits;
+
+/// An integer with a bit for each message.
+trait Width<const IS_WIDE: bool> {
+    type Bits;
+}
+
+impl Width<false> for () {
+    type Bits = u8;
+}
+
+impl Width<true> for () {
+    type Bits = u16;
+}
+
 const _: () = assert!(COUNT <= Bits::BITS as usize, "each has a bit of `Due`");
 
 /// A set of messages.
@@ -115,8 +263,9 @@ const _: () = assert!(COUNT <= Bits::BITS as usize, "each has a bit of `Due`");
 pub struct Due(Bits);
 
 impl Due {
+    #[inline(always)]
     const fn bit(publication: Publication) -> Bits {
-        1 << publication as u8
+        if publication.0 == Publication::NONE.0 { 0 } else { 1 << publication.0 }
     }
 
     const fn has(self, publication: Publication) -> bool {
@@ -131,43 +280,16 @@ impl Due {
     const fn only(self, other: Self) -> Self {
         Self(self.0 & other.0)
     }
-
-    /// The set of these messages.
-    const fn of(publications: &[Publication]) -> Self {
-        let mut due = 0;
-        let mut n = 0;
-        while n < publications.len() {
-            due |= Self::bit(publications[n]);
-            n += 1;
-        }
-        Self(due)
-    }
 }
 
 /// The messages that a node without an ID sends.
-const WITHOUT_ID: Due = Due::of(&[
-    #[cfg(feature = "allocation")]
-    Publication::Allocation,
-]);
-
-/// The messages that a node sends in the draft of 2014.
-#[cfg(feature = "draft")]
-const IN_DRAFT: Due = Due::of(&[
-    Publication::NodeStatus,
-    Publication::DegreesCelsius,
-    #[cfg(feature = "button")]
-    Publication::KeyValue,
-]);
-
-/// Number of messages with a rate, in the order of [`Publisher::pace`].
-const PACED: usize = 2 + STATS + cfg!(feature = "power") as usize;
-const STATS: usize = cfg!(feature = "stats") as usize;
+const WITHOUT_ID: Due = Due(Due::bit(Publication::Allocation));
 
 /// When the node sends its messages.
 pub struct Publisher {
     due: Due,
     /// For each message with a rate: progress to the next one, in thousandths of a period.
-    pace: [u16; PACED],
+    pace: [u16; paces(WHEN)],
     transfer_ids: [u8; COUNT],
     /// Time when a status last became due, in milliseconds: at a status of the autopilot, or after
     /// too long without one.
@@ -176,8 +298,6 @@ pub struct Publisher {
     /// it was handed over.
     status_sent_ms: u16,
     is_status_in_controller: bool,
-    /// Statuses of the autopilot since the thesis's temperature was last due.
-    autopilot_statuses: u8,
 }
 
 impl Publisher {
@@ -185,12 +305,11 @@ impl Publisher {
     pub const fn new() -> Self {
         Self {
             due: Due(0),
-            pace: [0; PACED],
+            pace: [0; paces(WHEN)],
             transfer_ids: [0; COUNT],
             occasion_ms: 0,
             status_sent_ms: 0,
             is_status_in_controller: false,
-            autopilot_statuses: 0,
         }
     }
 
@@ -232,28 +351,7 @@ impl Publisher {
             self.occasion_ms = now_ms;
             self.publish(Publication::NodeStatus);
         }
-        self.pace(
-            Publication::Temperature,
-            0,
-            passed_ms,
-            parameters.get(Parameter::TempRate) as u8,
-        );
-        #[cfg(feature = "standard")]
-        self.pace(
-            Publication::ActuatorStatus,
-            1,
-            passed_ms,
-            parameters.get(Parameter::TelemRate) as u8,
-        );
-        #[cfg(feature = "stats")]
-        self.pace(Publication::CanStats, 2, passed_ms, parameters.get(Parameter::StatsRate) as u8);
-        #[cfg(feature = "power")]
-        self.pace(
-            Publication::CircuitStatus,
-            2 + STATS,
-            passed_ms,
-            parameters.get(Parameter::PwrRate) as u8,
-        );
+        self.pace_all(passed_ms, parameters);
     }
 
     /// Advances a message by `passed_ms` milliseconds. Makes it due `rate` times a second, at most
@@ -270,36 +368,25 @@ impl Publisher {
 
     /// Takes note of the autopilot's status, which makes the node's own due.
     #[inline(always)]
-    pub fn autopilot_status(&mut self, now_ms: u16, wants_degrees: bool) {
+    pub fn autopilot_status(&mut self, now_ms: u16) {
         self.occasion_ms = now_ms;
         // If the last status was too recent, `next` delays this one.
         self.publish(Publication::NodeStatus);
-        if wants_degrees {
-            self.autopilot_statuses += 1;
-            if self.autopilot_statuses == STATUSES_PER_DEGREES {
-                self.autopilot_statuses = 0;
-                self.publish(Publication::DegreesCelsius);
-            }
-        }
     }
 
-    /// Takes the first message that is due and can be sent, and its transfer ID.
+    /// Removes the first message that is due and can be sent. Returns it with its transfer ID.
     #[inline(always)]
     pub fn next(
         &mut self,
         now_ms: u16,
         has_id: bool,
         has_temperature: bool,
-        is_draft: bool,
     ) -> Option<(Publication, u8)> {
         let mut due = self.due;
         if !has_id {
             due = due.only(WITHOUT_ID);
         } else {
-            #[cfg(feature = "allocation")]
-            {
-                due = due.without(Publication::Allocation);
-            }
+            due = due.without(Publication::Allocation);
             if self.is_status_in_controller
                 || now_ms.wrapping_sub(self.status_sent_ms) < MIN_STATUS_PERIOD_MS
             {
@@ -308,28 +395,10 @@ impl Publisher {
             if !has_temperature {
                 due = due.without(Publication::Temperature).without(Publication::DegreesCelsius);
             }
-            #[cfg(feature = "draft")]
-            if is_draft {
-                due = due.only(IN_DRAFT);
-            }
         }
-        let _ = is_draft;
         let publication = due.first()?;
         self.withdraw(publication);
-        // In the draft both are the thesis's measurement, so they share their transfer IDs.
-        #[cfg(all(feature = "draft", feature = "button"))]
-        let counted = if is_draft && publication == Publication::KeyValue {
-            Publication::DegreesCelsius
-        } else {
-            publication
-        };
-        #[cfg(not(all(feature = "draft", feature = "button")))]
-        let counted = publication;
-        // Both are KeyValues, so they share their transfer IDs.
-        #[cfg(all(feature = "outputs", feature = "button"))]
-        let counted =
-            if counted == Publication::FailsafeOutputs { Publication::KeyValue } else { counted };
-        let transfer_id = &mut self.transfer_ids[counted as usize];
+        let transfer_id = &mut self.transfer_ids[usize::from(publication.counter())];
         let current = *transfer_id;
         *transfer_id = (current + 1) & Tail::TRANSFER_ID;
         Some((publication, current))
@@ -358,6 +427,14 @@ impl Default for Publisher {
 }
 
 #[cfg(test)]
+impl Publication {
+    /// All messages, in the order of the table.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..COUNT as u8).map(Self)
+    }
+}
+
+#[cfg(test)]
 mod tests {
     use super::*;
 
@@ -365,29 +442,27 @@ mod tests {
     fn messages_go_in_the_order_of_the_table() {
         let mut publisher = Publisher::new();
         publisher.start();
-        for &publication in Publication::ALL {
+        for publication in Publication::all() {
             publisher.publish(publication);
         }
-        let order: Vec<Publication> = std::iter::from_fn(|| publisher.next(0, true, true, false))
+        let order: Vec<Publication> = std::iter::from_fn(|| publisher.next(0, true, true))
             .map(|(publication, _)| publication)
             .collect();
-        let expected: Vec<Publication> = Publication::ALL
-            .iter()
-            .copied()
-            .filter(|&publication| !WITHOUT_ID.has(publication))
-            .collect();
+        let expected: Vec<Publication> =
+            Publication::all().filter(|&publication| !WITHOUT_ID.has(publication)).collect();
         assert_eq!(order, expected);
     }
 
+    #[cfg(not(feature = "draft"))]
     #[test]
     fn a_message_with_a_rate_is_due_that_many_times_a_second() {
         for rate in [0, 1, 7, 50] {
             let mut publisher = Publisher::new();
             let mut count = 0;
             for _ in 0..10_000 {
-                publisher.pace(Publication::Temperature, 0, 1, rate);
-                count += u32::from(publisher.due.has(Publication::Temperature));
-                publisher.withdraw(Publication::Temperature);
+                publisher.pace(Publication::NodeStatus, 0, 1, rate);
+                count += u32::from(publisher.due.has(Publication::NodeStatus));
+                publisher.withdraw(Publication::NodeStatus);
             }
             assert_eq!(count, 10 * u32::from(rate));
         }

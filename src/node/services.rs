@@ -3,21 +3,18 @@
 
 use dronecan_wire::Id;
 
+use super::condition::Conditions;
 use super::health::CanCounters;
 use super::kind::Kind;
+use super::messages::Sending;
 use super::outgoing::Form;
-use super::parameters::Descriptions;
+use super::parameters::{self, Parameters};
+use super::receive::Context;
 use super::wire::Transfer;
-use super::{Node, Sending, information};
+use super::{Constants, Node, information};
 use crate::monitor::{Line, Monitor};
-use crate::progmem::Progmem;
-
-#[cfg(feature = "update")]
-use super::update::Verdict;
-#[cfg(feature = "standard")]
-use super::{Chore, condition::Conditions, parameters, parameters::Parameters};
-#[cfg(feature = "draft")]
-use super::{dialect::Dialect, draft};
+use crate::parts::stats;
+use crate::parts::update::{HAS_TEXTS, STILL_MS, Verdict};
 
 /// Requests that can wait for their response. A power of two. GUI tools send five at once.
 const WAITING: usize = 8;
@@ -26,19 +23,24 @@ const WAITING: usize = 8;
 /// the controller sends the frame, and the servo reaches its failsafe position.
 const RESTART_MS: u16 = 100;
 
-#[cfg(feature = "standard")]
+/// True if other responses go before the one that waits for a save.
+const ANSWERS_WHILE_SAVING: bool = cfg!(feature = "save-answers");
+
+/// ExecuteOpcode.opcode (DSDL uavcan/protocol/param/10.ExecuteOpcode.uavcan).
 const OPCODE_SAVE: u8 = 0;
-#[cfg(feature = "standard")]
+/// The same.
 const OPCODE_ERASE: u8 = 1;
 
-/// BeginFirmwareUpdate: ERROR_INVALID_MODE, the node cannot do it in this state.
-#[cfg(all(feature = "standard", not(feature = "update")))]
+/// Errors of BeginFirmwareUpdate (DSDL uavcan/protocol/file/40.BeginFirmwareUpdate.uavcan).
+const ERROR_OK: u8 = 0;
+/// The node cannot do it in this state.
 const ERROR_INVALID_MODE: u8 = 1;
 
-/// A response that waits to be sent.
+/// A request that waits for its response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Reply {
-    kind: Kind,
+pub struct Pending {
+    /// The service.
+    pub kind: Kind,
     to: u8,
     priority: u8,
     transfer_id: u8,
@@ -49,7 +51,17 @@ struct Reply {
     value: u16,
 }
 
-impl Reply {
+/// What else a response needs.
+pub struct Response<'a, C, P> {
+    /// The counters of the controller.
+    pub counters: &'a C,
+    /// The tables in flash.
+    pub flash: P,
+    /// The log.
+    pub monitor: &'a mut Monitor,
+}
+
+impl Pending {
     const NONE: Self =
         Self { kind: Kind::Unknown, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
 }
@@ -57,11 +69,10 @@ impl Reply {
 /// The pending requests.
 pub struct Services {
     /// A ring that starts at `first`.
-    waiting: [Reply; WAITING],
+    waiting: [Pending; WAITING],
     first: u8,
     count: u8,
     /// True while a response waits for the save that it has begun.
-    #[cfg(feature = "standard")]
     is_saving: bool,
     /// True once the response to an accepted RestartNode was handed over.
     is_to_restart: bool,
@@ -73,10 +84,9 @@ impl Services {
     /// No pending requests.
     pub const fn new() -> Self {
         Self {
-            waiting: [Reply::NONE; WAITING],
+            waiting: [Pending::NONE; WAITING],
             first: 0,
             count: 0,
-            #[cfg(feature = "standard")]
             is_saving: false,
             is_to_restart: false,
             restart_ms: 0,
@@ -94,30 +104,46 @@ impl Services {
         self.count == 0
     }
 
-    /// The response `behind` places after the oldest.
+    /// The request `behind` places after the oldest.
     #[inline(never)]
-    fn place(&mut self, behind: u8) -> &mut Reply {
+    fn place(&mut self, behind: u8) -> &mut Pending {
         &mut self.waiting[usize::from(self.first + behind) % WAITING]
     }
 
-    /// Puts the oldest response behind all others.
-    #[cfg(feature = "save-answers")]
-    fn postpone(&mut self) {
-        let reply = *self.place(0);
-        *self.place(self.count) = reply;
-        self.first = (self.first + 1) % WAITING as u8;
+    /// Adds a request. There must be room. `argument` and `value` are those of its response.
+    #[inline(always)]
+    pub fn add(&mut self, request: &Transfer, argument: u8, value: u16) {
+        let pending = self.place(self.count);
+        pending.kind = request.kind;
+        pending.to = request.source;
+        pending.priority = request.priority;
+        pending.transfer_id = request.transfer_id();
+        pending.argument = argument;
+        pending.value = value;
+        self.count += 1;
     }
 
-    /// Removes the oldest response, whose last frame was handed over.
-    pub fn replied(&mut self, now_ms: u16) {
-        let &mut Reply { kind, argument, .. } = self.place(0);
+    /// Puts the oldest request behind all others, if others go first.
+    #[inline(always)]
+    fn postpone(&mut self) {
+        if ANSWERS_WHILE_SAVING {
+            let pending = *self.place(0);
+            *self.place(self.count) = pending;
+            self.first = (self.first + 1) % WAITING as u8;
+        }
+    }
+
+    /// Removes the oldest request: the last frame of its response was handed over.
+    #[inline(always)]
+    pub fn responded(&mut self, now_ms: u16) {
+        let &mut Pending { kind, argument, .. } = self.place(0);
         self.count -= 1;
         self.first = (self.first + 1) % WAITING as u8;
-        #[cfg(feature = "update")]
-        let is_update = kind == Kind::BeginFirmwareUpdate && argument == Verdict::Accepted as u8;
-        #[cfg(not(feature = "update"))]
-        let is_update = false;
-        if (kind == Kind::RestartNode && argument != 0 || is_update) && !self.is_to_restart {
+        let restarts = match kind {
+            Kind::RestartNode => argument != 0,
+            kind => is(kind, Kind::BeginFirmwareUpdate) && Verdict::is_accepted(argument),
+        };
+        if restarts && !self.is_to_restart {
             self.is_to_restart = true;
             self.restart_ms = now_ms.wrapping_add(RESTART_MS);
         }
@@ -130,6 +156,12 @@ impl Services {
     }
 }
 
+/// True if a kind is `wanted`, which the build may leave out.
+#[inline(always)]
+fn is(kind: Kind, wanted: Kind) -> bool {
+    wanted != Kind::Unknown && kind == wanted
+}
+
 impl Default for Services {
     fn default() -> Self {
         Self::new()
@@ -137,210 +169,226 @@ impl Default for Services {
 }
 
 impl Node {
-    /// Acts on a request and queues its response. Returns the line to log.
-    #[inline(always)]
-    pub(super) fn serve(
-        &mut self,
-        request: &Transfer,
-        now_ms: u16,
-        flash: impl Progmem<Descriptions>,
-    ) -> Line {
-        #[allow(unused_mut, reason = "a build may have no other line")]
-        let mut line = Line::Request;
-        let mut argument = 0;
-        #[allow(unused_mut, reason = "a build may have no parameters over the bus")]
-        let mut value = 0;
-        match request.kind {
-            #[cfg(feature = "standard")]
-            Kind::GetSet => {
-                let Some(get_set) = GetSet::read(request, flash) else {
-                    return Line::RefusedLength;
-                };
-                if let Some(value) = get_set.value {
-                    if self.parameters.set(get_set.parameter, value, flash) {
-                        line = Line::ParameterSet;
-                        self.chores.add(Chore::TakeParameters);
-                    } else if get_set.parameter < parameters::COUNT as u8 {
-                        line = Line::ParameterRejected;
-                        #[cfg(feature = "outputs")]
-                        if self.parameters.has_no_room(get_set.parameter, value as u16) {
-                            line = Line::ParameterNoRoom;
-                        }
-                    }
-                    self.note.a = value as u16;
-                    self.note.b = u16::from(get_set.parameter);
-                }
-                argument = get_set.parameter;
-                value = self.parameters.value(get_set.parameter).unwrap_or(0);
-            }
-            #[cfg(feature = "standard")]
-            Kind::ExecuteOpcode => {
-                let &[opcode, ..] = request.bytes();
-                if request.len() != 7 {
-                    return Line::RefusedLength;
-                }
-                if opcode == OPCODE_ERASE {
-                    self.parameters.set_defaults(flash);
-                    self.chores.add(Chore::TakeParameters);
-                }
-                argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
-            }
-            #[cfg(feature = "update")]
-            Kind::BeginFirmwareUpdate => {
-                let verdict = self.begin_update(request, now_ms);
-                argument = verdict as u8;
-                if verdict == Verdict::Accepted {
-                    self.actuators.fail_safe(&self.parameters);
-                }
-            }
-            // The magic number is 0xACCE551B1E (DSDL 5.RestartNode.uavcan).
-            Kind::RestartNode
-                if request.len() == 5
-                    && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]) =>
-            {
-                argument = 1;
-                self.actuators.fail_safe(&self.parameters);
-            }
-            _ => {}
-        }
-        let _ = (now_ms, flash);
-        let services = &mut self.services;
-        let reply = services.place(services.count);
-        reply.kind = request.kind;
-        reply.to = request.source;
-        reply.priority = request.priority;
-        reply.transfer_id = request.transfer_id();
-        reply.argument = argument;
-        reply.value = value;
-        services.count += 1;
-        line
-    }
-
     /// Begins the response to the oldest request. Returns false if there is none, or if it waits
     /// for a save.
-    pub(super) fn begin_reply(
+    #[inline(always)]
+    pub(super) fn begin_response<C: CanCounters, P: Constants>(
         &mut self,
-        counters: &impl CanCounters,
-        flash: impl Progmem<Descriptions>,
-        monitor: &mut Monitor,
+        context: &mut Response<C, P>,
     ) -> bool {
         if self.services.is_empty() {
             return false;
         }
-        let reply = *self.services.place(0);
-        #[cfg(feature = "draft")]
-        let is_draft = Dialect::is_of_draft(reply.priority);
-        #[cfg(not(feature = "draft"))]
-        let is_draft = false;
-        self.outgoing.clear(is_draft);
-        match reply.kind {
-            Kind::GetNodeInfo => {
-                if is_draft {
-                    self.outgoing.put8(0);
-                }
-                self.put_status();
-                self.outgoing.payload.form = Form::NodeInfo;
-                self.outgoing.payload.len = information::NODE_INFO_LEN;
-            }
-            #[cfg(feature = "stats")]
-            Kind::GetTransportStats => {
-                use mcp2515_ordered::Counter;
-                self.outgoing.put16(self.health.transfers.sent);
-                self.outgoing.put16(self.health.transfers.received);
-                self.outgoing.put16(self.health.transfers.broken);
-                for counter in [Counter::TxRequests, Counter::RxReceived, Counter::RxErrors] {
-                    self.outgoing.put16(counters.word(counter as u8));
-                }
-                self.outgoing.payload.form = Form::Numbers48;
-                self.outgoing.payload.len = 36;
-            }
-            #[cfg(feature = "standard")]
-            Kind::GetSet if reply.argument >= parameters::COUNT as u8 => {
-                // No such parameter: four empty values and an empty name.
-                self.outgoing.put16(0);
-                self.outgoing.put16(0);
-            }
-            #[cfg(feature = "standard")]
-            Kind::GetSet => {
-                let name_at = parameters::name_at(reply.argument, flash);
-                self.outgoing.payload.form = Form::Parameter;
-                self.outgoing.payload.parameter = (reply.argument, reply.value, name_at);
-                self.outgoing.payload.len = parameters::NUMBERS_LEN + flash.byte(name_at - 1);
-            }
-            // A restart would cut off the save, to which the response comes later.
-            #[cfg(all(feature = "save-answers", feature = "update"))]
-            Kind::BeginFirmwareUpdate if self.store.is_saving() => {
-                self.services.postpone();
-                return false;
-            }
-            #[cfg(feature = "update")]
-            Kind::BeginFirmwareUpdate => {
-                let (error, text_at, text_len) = Verdict::from_number(reply.argument).response();
-                self.outgoing.put8(error);
-                self.outgoing.payload.form = Form::Text;
-                self.outgoing.payload.text_at = text_at;
-                self.outgoing.payload.len = 1 + text_len;
-            }
-            #[cfg(all(feature = "standard", not(feature = "update")))]
-            Kind::BeginFirmwareUpdate => {
-                self.outgoing.put8(ERROR_INVALID_MODE);
-                self.outgoing.payload.form = Form::Text;
-                self.outgoing.payload.len = 1 + information::NO_UPDATE_LEN;
-            }
-            #[cfg(feature = "standard")]
-            Kind::ExecuteOpcode => {
-                let mut is_done = reply.argument != 0;
-                if is_done {
-                    if !self.services.is_saving {
-                        self.services.is_saving = true;
-                        self.store.save();
-                    }
-                    if self.store.is_saving() {
-                        #[cfg(feature = "save-answers")]
-                        self.services.postpone();
-                        return false;
-                    }
-                    is_done = self.store.is_saved();
-                    if is_done {
-                        self.health.clear(Conditions::PARAMETERS_LOST);
-                    }
-                    self.services.is_saving = false;
-                    monitor.log_line(if is_done { Line::Saved } else { Line::NotSaved });
-                }
-                for byte in [0, 0, 0, 0, 0, 0, u8::from(is_done) << 7] {
-                    self.outgoing.put8(byte);
-                }
-            }
-            // A restart would cut off the save, to which the response comes later.
-            #[cfg(feature = "save-answers")]
-            Kind::RestartNode if self.store.is_saving() => {
-                self.services.postpone();
-                return false;
-            }
-            _ => self.outgoing.put8(reply.argument << 7),
+        let pending = *self.services.place(0);
+        self.outgoing.clear();
+        if !self.respond(&pending, context) {
+            return false;
         }
-        let _ = (counters, flash, monitor);
-        self.sending = Sending::Reply;
-        #[cfg(feature = "draft")]
-        if is_draft {
-            let is_info = reply.kind == Kind::GetNodeInfo;
-            self.outgoing.reply_to(reply.to);
-            let upper = if is_info { draft::sent::NODE_INFO } else { draft::sent::RESTARTED };
-            self.outgoing.begin(
-                draft::id(upper, self.id),
-                reply.transfer_id,
-                draft::NODE_INFO_SEED,
-            );
+        self.sending = Sending::Response;
+        let Pending { kind, to, priority, transfer_id, .. } = pending;
+        let id = Id::response(priority, kind.id() as u8, to, self.id);
+        self.outgoing.begin(id.to_bytes(), transfer_id, kind.seed());
+        true
+    }
+}
+
+/// The actions on requests, and the responses, which the table of received types names. An action
+/// returns the line to log. Unless that is a refusal, the request is queued for its response. A
+/// response returns false if it has to wait.
+#[allow(dead_code, reason = "a build may leave out the row that names one")]
+impl Node {
+    /// Accepts a request that needs no action.
+    #[inline(always)]
+    pub(super) fn accept<P>(&mut self, _: &Transfer, _: &mut Context<P>) -> Line {
+        Line::Request
+    }
+
+    #[inline(always)]
+    pub(super) fn respond_node_info<C, P>(&mut self, _: &Pending, _: &mut Response<C, P>) -> bool {
+        self.put_status();
+        self.outgoing.payload.form = Form::NodeInfo;
+        self.outgoing.payload.len = information::NODE_INFO_LEN;
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn respond_stats<C: CanCounters, P>(
+        &mut self,
+        _: &Pending,
+        context: &mut Response<C, P>,
+    ) -> bool {
+        self.stats.put_transport(context.counters, |word| self.outgoing.put16(word));
+        self.outgoing.payload.form = Form::Numbers48;
+        self.outgoing.payload.len = stats::LEN;
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn act_on_restart<P>(
+        &mut self,
+        request: &Transfer,
+        context: &mut Context<P>,
+    ) -> Line {
+        // The magic number is 0xACCE551B1E (DSDL uavcan/protocol/5.RestartNode.uavcan).
+        let is_accepted =
+            request.len() == 5 && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]);
+        if is_accepted {
+            self.outputs.fail_safe(&self.parameters);
+        }
+        context.argument = is_accepted.into();
+        Line::Request
+    }
+
+    /// The response to RestartNode: one bit.
+    #[inline(always)]
+    pub(super) fn respond_ok<C, P>(&mut self, pending: &Pending, _: &mut Response<C, P>) -> bool {
+        // A restart would cut off the save, to which the response comes later.
+        if ANSWERS_WHILE_SAVING && self.store.is_saving() {
+            self.services.postpone();
+            return false;
+        }
+        self.outgoing.put8(pending.argument << 7);
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn act_on_get_set<P: Constants>(
+        &mut self,
+        request: &Transfer,
+        context: &mut Context<P>,
+    ) -> Line {
+        let flash = context.flash;
+        let Some(GetSet { parameter, value }) = GetSet::read(request, flash) else {
+            return Line::RefusedLength;
+        };
+        let mut line = Line::Request;
+        if let Some(value) = value {
+            if self.parameters.set(parameter, value, flash) {
+                line = Line::ParameterSet;
+                self.apply_parameters();
+            } else if parameter < parameters::COUNT as u8 {
+                line = Line::ParameterRejected;
+                if self.parameters.has_no_room(parameter, value as u16) {
+                    line = Line::ParameterNoRoom;
+                }
+            }
+            self.note.set_a(value as u16);
+            self.note.set_b(u16::from(parameter));
+        }
+        context.argument = parameter;
+        context.value = self.parameters.value(parameter).unwrap_or(0);
+        line
+    }
+
+    #[inline(always)]
+    pub(super) fn respond_get_set<C, P: Constants>(
+        &mut self,
+        pending: &Pending,
+        context: &mut Response<C, P>,
+    ) -> bool {
+        if pending.argument >= parameters::COUNT as u8 {
+            // No such parameter: four empty values and an empty name.
+            self.outgoing.put16(0);
+            self.outgoing.put16(0);
             return true;
         }
-        let id = Id::response(reply.priority, reply.kind.id() as u8, reply.to, self.id);
-        self.outgoing.begin(id.to_bytes(), reply.transfer_id, reply.kind.seed());
+        let payload = &mut self.outgoing.payload;
+        payload.form = Form::Parameter;
+        (payload.parameter, payload.len) =
+            parameters::Response::new(pending.argument, pending.value, context.flash);
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn act_on_opcode<P: Constants>(
+        &mut self,
+        request: &Transfer,
+        context: &mut Context<P>,
+    ) -> Line {
+        let &[opcode, ..] = request.bytes();
+        if request.len() != 7 {
+            return Line::RefusedLength;
+        }
+        if opcode == OPCODE_ERASE {
+            self.parameters.set_defaults(context.flash);
+            self.apply_parameters();
+        }
+        context.argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
+        Line::Request
+    }
+
+    #[inline(always)]
+    pub(super) fn respond_opcode<C, P>(
+        &mut self,
+        pending: &Pending,
+        context: &mut Response<C, P>,
+    ) -> bool {
+        let mut is_done = pending.argument != 0;
+        if is_done {
+            if !self.services.is_saving {
+                self.services.is_saving = true;
+                self.store.save();
+            }
+            if self.store.is_saving() {
+                self.services.postpone();
+                return false;
+            }
+            is_done = self.store.is_saved();
+            if is_done {
+                self.health.clear(Conditions::PARAMETERS_LOST);
+            }
+            self.services.is_saving = false;
+            context.monitor.log_line(if is_done { Line::Saved } else { Line::NotSaved });
+        }
+        // 48 bits of the argument, then one bit.
+        self.outgoing.put16(0);
+        self.outgoing.put16(0);
+        self.outgoing.put16(0);
+        self.outgoing.put8(u8::from(is_done) << 7);
+        true
+    }
+
+    #[inline(always)]
+    pub(super) fn act_on_update<P>(
+        &mut self,
+        request: &Transfer,
+        context: &mut Context<P>,
+    ) -> Line {
+        let is_in_use = self.outputs.arming.is_armed()
+            || self.outputs.has_followed_within(STILL_MS, context.now_ms);
+        let verdict = self.update.act_on_request(request, is_in_use) as u8;
+        if Verdict::is_accepted(verdict) {
+            self.outputs.fail_safe(&self.parameters);
+        }
+        context.argument = verdict;
+        Line::Request
+    }
+
+    #[inline(always)]
+    pub(super) fn respond_update<C, P>(
+        &mut self,
+        pending: &Pending,
+        _: &mut Response<C, P>,
+    ) -> bool {
+        // A restart would cut off the save, to which the response comes later.
+        if ANSWERS_WHILE_SAVING && self.store.is_saving() {
+            self.services.postpone();
+            return false;
+        }
+        let is_accepted = Verdict::is_accepted(pending.argument);
+        self.outgoing.put8(if is_accepted { ERROR_OK } else { ERROR_INVALID_MODE });
+        if !HAS_TEXTS {
+            return true;
+        }
+        let (text_at, text_len) = Verdict::text(pending.argument);
+        self.outgoing.payload.form = Form::Text;
+        self.outgoing.payload.text_at = text_at;
+        self.outgoing.payload.len = 1 + text_len;
         true
     }
 }
 
 /// A decoded GetSet request.
-#[cfg(feature = "standard")]
 struct GetSet {
     /// The index of the parameter; [`parameters::NONE`] if the name is unknown or the index does
     /// not fit in eight bits.
@@ -350,12 +398,11 @@ struct GetSet {
     value: Option<i32>,
 }
 
-#[cfg(feature = "standard")]
 impl GetSet {
     /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name.
     /// Returns `None` if it is too short.
     #[inline(always)]
-    fn read(request: &Transfer, flash: impl Progmem<Descriptions>) -> Option<Self> {
+    fn read(request: &Transfer, flash: impl Constants) -> Option<Self> {
         const INTEGER: u8 = 1;
         let &[index, index_and_tag, v0, v1, v2, v3, v4, v5, v6, v7, ..] = request.bytes();
         let tag = index_and_tag & 7;

@@ -101,7 +101,7 @@ impl Temperature {
                 .wrapping_mul(10)
                 .wrapping_add((fraction * 10) >> 6)
                 .wrapping_sub(5);
-            monitor.log_line(Line::Temperature).a = tenths;
+            monitor.log_line(Line::Temperature).set_a(tenths);
         }
         let is_faulty = self.thermometer.is_sensor_faulty();
         let begins = if is_faulty { Line::SensorFault } else { Line::OutOfRange };

@@ -4,23 +4,15 @@ use super::*;
 use crate::desk::{Desk as Rig, Memory};
 use crate::golden;
 use crate::image::InMemory;
+use crate::node::parameters::OutputParameter;
+use mcp2515_ordered::{Event as CanEvent, Frame, Notice};
 use std::f64::consts::FRAC_PI_4;
 
 #[cfg(feature = "allocation")]
 mod allocate;
-#[cfg(feature = "draft")]
-mod draft;
 mod manage;
 #[cfg(feature = "outputs")]
 mod outputs;
-
-/// These parameters. In a build that speaks the draft by default, also DIALECT 0.
-fn but_v0(values: &[(Parameter, i32)]) -> Vec<(Parameter, i32)> {
-    #[cfg(all(feature = "draft", not(feature = "standard")))]
-    return [&[(Parameter::Dialect, 0)], values].concat();
-    #[cfg(not(all(feature = "draft", not(feature = "standard"))))]
-    return values.to_vec();
-}
 
 impl Memory {
     /// An EEPROM with these parameters saved.
@@ -28,7 +20,7 @@ impl Memory {
         let mut memory = Self::blank();
         let mut store = Store::new();
         assert!(!store.load(&mut Parameters::new(), &memory, InMemory));
-        let mut parameters = golden::parameters(&but_v0(values));
+        let mut parameters = golden::parameters(values);
         store.save();
         while store.is_saving() {
             store.step(&mut parameters, &mut memory);
@@ -51,8 +43,8 @@ impl Rig {
 
     /// Sets a parameter, without the bus.
     fn set(&mut self, parameter: Parameter, value: i32) {
-        assert!(self.node.parameters.set(parameter as u8, value, InMemory));
-        self.node.take_parameters();
+        assert!(self.program.node.parameters.set(parameter.index(), value, InMemory));
+        self.program.node.apply_parameters();
         self.settle();
     }
 
@@ -72,11 +64,11 @@ impl Rig {
     /// Receives a frame. Asserts that the servo gets the pulse at once if a command was followed,
     /// and nothing otherwise.
     fn frame(&mut self, frame: &Frame) {
-        let followed = self.node.health().counts.followed;
+        let followed = self.program.node.health().counts.followed;
         self.servos.0[0] = 0;
         self.hear(frame);
-        let is_followed = self.node.health().counts.followed != followed;
-        assert_eq!(self.servos.0[0], if is_followed { self.node.pulse(0) } else { 0 });
+        let is_followed = self.program.node.health().counts.followed != followed;
+        assert_eq!(self.servos.0[0], if is_followed { self.program.node.pulse(0) } else { 0 });
     }
 
     /// Receives the frames of one transfer, written as for [`golden::frames`].
@@ -86,12 +78,12 @@ impl Rig {
 
     /// The vendor-specific status code.
     fn code(&self) -> u16 {
-        self.node.health().code()
+        self.program.node.health().code()
     }
 
     /// The current health.
     fn level(&self) -> u8 {
-        self.node.health().level(&self.node.parameters) as u8
+        self.program.node.health().level(&self.program.node.parameters) as u8
     }
 
     /// Receives a command for actuator 1 from node 10.
@@ -144,7 +136,6 @@ const TEMPERATURE: u32 = 0x1804_5678;
 const CAN_STATS: u32 = 0x1801_5778;
 #[cfg(feature = "button")]
 const KEY_VALUE: u32 = 0x183F_F278;
-const DEGREES_CELSIUS: u32 = 0x1804_5878;
 
 const UNITLESS: u8 = 0;
 const POSITION: u8 = 1;
@@ -358,7 +349,9 @@ fn health_is_that_of_the_worst_mask_that_a_condition_is_in() {
         ]);
         rig.run(100);
         // EFLG with TXEP.
-        rig.node.notice(Notice { event: CanEvent::Flags, value: 1 << 4 }, &mut rig.monitor);
+        rig.program
+            .node
+            .notice(Notice { event: CanEvent::Flags, value: 1 << 4 }, &mut rig.program.monitor);
         assert_eq!(rig.status(), (health << 6, 1 << 6), "{warn:04X} {error:04X} {critical:04X}");
     }
 }
@@ -398,14 +391,14 @@ fn temporary_conditions_show_for_nine_to_ten_seconds() {
     ] {
         let mut rig = Rig::new();
         rig.run(3300);
-        rig.node.notice(Notice { event, value }, &mut rig.monitor);
+        rig.program.node.notice(Notice { event, value }, &mut rig.program.monitor);
         rig.run(8900);
         assert_eq!(rig.code(), 1 << bit, "{event:?}");
         rig.run(1101);
         assert_eq!(rig.code(), 0, "{event:?}");
     }
     let mut rig = Rig::new();
-    rig.node.notice(Notice { event: Running, value: 0 }, &mut rig.monitor);
+    rig.program.node.notice(Notice { event: Running, value: 0 }, &mut rig.program.monitor);
     assert_eq!(rig.code(), 0);
 }
 
@@ -416,7 +409,7 @@ fn error_passive_shows_while_it_lasts() {
     for (eflg, code) in
         [(0x08, 1 << 6), (0x10, 1 << 6), (0x18, 1 << 6), (0x07, 0), (0x10, 1 << 6), (0, 0)]
     {
-        rig.node.notice(Notice { event: Flags, value: eflg }, &mut rig.monitor);
+        rig.program.node.notice(Notice { event: Flags, value: eflg }, &mut rig.program.monitor);
         rig.run(12_000);
         assert_eq!(rig.code(), code, "EFLG {eflg:02X}");
     }
@@ -425,7 +418,7 @@ fn error_passive_shows_while_it_lasts() {
 /// Broken transfers; `None` in a build that does not count them.
 fn broken(rig: &Rig) -> Option<u16> {
     #[cfg(feature = "stats")]
-    return Some(rig.node.health().transfers.broken);
+    return Some(rig.program.node.stats.broken());
     #[cfg(not(feature = "stats"))]
     {
         let _ = rig;
@@ -444,29 +437,32 @@ fn broken_and_interleaved_transfers_show_and_are_counted() {
     rig.run(2000);
     // The golden command with one bit wrong.
     rig.text("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 64 68");
-    assert_eq!((rig.code(), broken(&rig), rig.node.pulse(0)), (1 << 3, if_counted(1), 0));
+    assert_eq!((rig.code(), broken(&rig), rig.program.node.pulse(0)), (1 << 3, if_counted(1), 0));
     rig.run(10_001);
     assert_eq!(rig.code(), 0);
     for source in 0..=crate::node::wire::LIST_LANES {
+        // A transfer keeps its lane for 4 ms after its last frame.
+        rig.run(4);
         rig.text(&format!("1003F2{:02X} 12 F3 01 00 00 38 02 88", 0x0A + source));
     }
-    assert_eq!((rig.code(), broken(&rig), rig.node.pulse(0)), (1 << 3, if_counted(2), 0));
+    assert_eq!((rig.code(), broken(&rig), rig.program.node.pulse(0)), (1 << 3, if_counted(2), 0));
     let last = 0x0A + crate::node::wire::LIST_LANES;
     rig.text(&format!("1003F2{last:02X} 00 00 BC 03 04 DC 65 68"));
-    assert_eq!((rig.node.pulse(0), broken(&rig)), (us(1750.0), if_counted(2)));
+    assert_eq!((rig.program.node.pulse(0), broken(&rig)), (us(1750.0), if_counted(2)));
 }
 
 #[test]
 fn transfers_of_other_nodes_do_not_break_those_of_the_commander() {
     let mut rig = Rig::new();
-    rig.command(PWM, 1200.0);
     let frames = golden::frames("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68");
+    rig.frames(&frames);
+    rig.command(PWM, 1200.0);
     rig.frame(&frames[0]);
     for source in 0x0B..0x20 {
         rig.text(&format!("1003F2{source:02X} 12 F3 01 00 00 38 02 88"));
     }
     rig.frame(&frames[1]);
-    assert_eq!(rig.node.pulse(0), us(1750.0));
+    assert_eq!(rig.program.node.pulse(0), us(1750.0));
 }
 
 #[test]
@@ -475,7 +471,7 @@ fn a_status_with_its_own_node_id_shows() {
     rig.run(2000);
     rig.text("10015578 01 00 00 00 08 00 00 C0");
     assert_eq!(
-        (rig.code(), broken(&rig), rig.node.health().counts.refused),
+        (rig.code(), broken(&rig), rig.program.node.health().counts.refused),
         (1 << 4, if_counted(0), 1)
     );
 }
@@ -485,11 +481,11 @@ fn frames_of_no_use_are_rejected_and_are_no_error() {
     let mut rig = Rig::new();
     rig.run(2000);
     for text in ["1803F30A 00 C0", "9003F20A 01 00 00 38 C7", "1E01AAFF C3", "1003F20A"] {
-        let refused = rig.node.health().counts.refused;
+        let refused = rig.program.node.health().counts.refused;
         rig.text(text);
-        assert_eq!(rig.node.health().counts.refused, refused + 1, "{text}");
+        assert_eq!(rig.program.node.health().counts.refused, refused + 1, "{text}");
     }
-    assert_eq!((rig.code(), rig.node.pulse(0)), (0, 0));
+    assert_eq!((rig.code(), rig.program.node.pulse(0)), (0, 0));
 }
 
 #[test]
@@ -530,14 +526,14 @@ fn lost_parameters_are_reported_and_a_blank_eeprom_is_not() {
     let mut rig = Rig::start(Memory::blank(), ResetCause::POWER_ON);
     rig.run(2000);
     assert_eq!((rig.level(), rig.code()), (0, draft));
-    let mut memory = Memory::with(&[(Parameter::Out1Id, 9)]);
+    let mut memory = Memory::with(&[(OutputParameter::Id.of(0), 9)]);
     for byte in &mut memory.cells[0x20..] {
         *byte ^= if *byte == 0xFF { 0 } else { 0x10 };
     }
     let mut rig = Rig::start(memory, ResetCause::POWER_ON);
     rig.run(2000);
     assert_eq!((rig.level(), rig.code()), (3, 1 << 13 | draft));
-    assert_eq!(rig.node.parameters.get(Parameter::Out1Id), 1, "the default");
+    assert_eq!(rig.program.node.parameters.get(OutputParameter::Id.of(0)), 1, "the default");
 }
 
 // Commands
@@ -545,9 +541,9 @@ fn lost_parameters_are_reported_and_a_blank_eeprom_is_not() {
 #[test]
 fn there_is_no_pulse_before_the_first_command() {
     for failsafe in 0..=3 {
-        let mut rig = Rig::with(&[(Parameter::Out1Fs, failsafe)]);
+        let mut rig = Rig::with(&[(OutputParameter::Fs.of(0), failsafe)]);
         rig.run(70_000);
-        assert_eq!(rig.node.pulse(0), 0);
+        assert_eq!(rig.program.node.pulse(0), 0);
         assert_eq!(rig.code(), 0);
     }
 }
@@ -556,18 +552,18 @@ fn there_is_no_pulse_before_the_first_command() {
 fn the_golden_commands_move_the_servo() {
     let mut rig = Rig::new();
     rig.text("1003F20A 01 00 00 38 C7");
-    assert_eq!(rig.node.pulse(0), us(1750.0));
+    assert_eq!(rig.program.node.pulse(0), us(1750.0));
     for (actuator, pulse) in [(1, 1750.0), (2, 1000.0), (3, 1500.0)] {
-        let mut rig = Rig::with(&[(Parameter::Out1Id, actuator)]);
+        let mut rig = Rig::with(&[(OutputParameter::Id.of(0), actuator)]);
         rig.text("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 65 68");
-        assert_eq!(rig.node.pulse(0), us(pulse), "actuator {actuator}");
+        assert_eq!(rig.program.node.pulse(0), us(pulse), "actuator {actuator}");
     }
     // Position -0.25 rad: 0.25 / (pi / 4) of 500 us.
     rig.text("1003F20A 01 01 00 B4 CC");
-    assert_eq!(rig.node.pulse(0), us(1341.0));
+    assert_eq!(rig.program.node.pulse(0), us(1341.0));
     // PWM 1800.
     rig.text("1003F20A 01 04 08 67 CD");
-    assert_eq!(rig.node.pulse(0), us(1800.0));
+    assert_eq!(rig.program.node.pulse(0), us(1800.0));
 }
 
 #[test]
@@ -590,7 +586,11 @@ fn each_form_of_command_reaches_the_pulse() {
         (PWM, 1.0, 1000.0),
     ] {
         rig.command(command_type, value);
-        assert_eq!(f64::from(rig.node.pulse(0)) / 2.0, expected, "type {command_type}: {value}");
+        assert_eq!(
+            f64::from(rig.program.node.pulse(0)) / 2.0,
+            expected,
+            "type {command_type}: {value}"
+        );
     }
 }
 
@@ -600,7 +600,7 @@ fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
     rig.command(PWM, 1700.0);
     for command_type in 0..=5u8 {
         for bits in 0..=u16::MAX {
-            let before = rig.node.pulse(0);
+            let before = rig.program.node.pulse(0);
             let [low, high] = bits.to_le_bytes();
             rig.frames(&[golden::frame(0x1003_F20A, &[1, command_type, low, high, 0xC0])]);
             let value = half::f16::from_bits(bits);
@@ -611,7 +611,7 @@ fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
                     4 => value.to_f64() >= 0.25,
                     _ => false,
                 };
-            let pulse = rig.node.pulse(0);
+            let pulse = rig.program.node.pulse(0);
             if is_followed {
                 assert!(
                     (us(1000.0)..=us(2000.0)).contains(&pulse),
@@ -650,14 +650,14 @@ fn commands_that_cannot_be_followed_are_refused_and_counted() {
     {
         rig.text(text);
         assert_eq!(
-            (rig.node.pulse(0), rig.node.health().counts.refused),
+            (rig.program.node.pulse(0), rig.program.node.health().counts.refused),
             (us(1700.0), n as u16 + 1),
             "{text}"
         );
     }
-    assert_eq!(rig.node.health().counts.followed, 1);
+    assert_eq!(rig.program.node.health().counts.followed, 1);
     #[cfg(feature = "lights")]
-    assert_eq!(rig.node.light(), 0);
+    assert_eq!(rig.program.node.light(), 0);
 }
 
 #[test]
@@ -666,7 +666,11 @@ fn commands_for_others_and_empty_lists_are_no_commands_and_no_errors() {
     rig.text("1003F20A C9");
     rig.text("1003F20A 02 00 00 38 C7");
     assert_eq!(
-        (rig.node.pulse(0), rig.node.health().counts.refused, rig.node.health().counts.followed),
+        (
+            rig.program.node.pulse(0),
+            rig.program.node.health().counts.refused,
+            rig.program.node.health().counts.followed
+        ),
         (0, 0, 0)
     );
 }
@@ -676,44 +680,7 @@ fn the_command_of_the_thesis_moves_the_servo_over_its_travel() {
     let mut rig = Rig::new();
     for (byte, pulse) in [(0, 1000.0), (255, 2000.0), (51, 1200.0)] {
         rig.text(&format!("18045701 {byte:02X} C0"));
-        assert_eq!(rig.node.pulse(0), us(pulse));
-    }
-}
-
-#[test]
-fn the_temperature_of_the_thesis_is_sent_for_every_third_status_once_its_command_was_used() {
-    let mut rig = Rig::with(&[&rates(0, 0, 0)[..], &[(Parameter::Out1Timeout, 0)]].concat());
-    let second = |rig: &mut Rig| {
-        rig.status_of(1);
-        rig.run(1000);
-    };
-    (0..9).for_each(|_| second(&mut rig));
-    assert_eq!(rig.transfers(DEGREES_CELSIUS, 0), []);
-    rig.text("18045701 80 C0");
-    (0..9).for_each(|_| second(&mut rig));
-    let transfers = rig.transfers(DEGREES_CELSIUS, 0);
-    assert_eq!(
-        transfers.iter().map(|(_, payload, _)| payload[..].to_vec()).collect::<Vec<_>>(),
-        [[25]; 3]
-    );
-    assert_eq!(gaps(&transfers.iter().map(|(ms, ..)| *ms).collect::<Vec<_>>()), [3000, 3000]);
-    assert_eq!(
-        transfers.iter().map(|(.., transfer_id)| *transfer_id).collect::<Vec<_>>(),
-        [0, 1, 2]
-    );
-}
-
-#[test]
-fn the_temperature_of_the_thesis_stays_within_a_byte() {
-    for (readings, expected) in [([1, 1], 0), ([1022, 1022], 255)] {
-        let mut rig = Rig::with(&[(Parameter::TempOffset, 500)]);
-        rig.readings = readings;
-        rig.text("18045701 80 C0");
-        for _ in 0..4 {
-            rig.status_of(1);
-            rig.run(1000);
-        }
-        assert_eq!(rig.transfers(DEGREES_CELSIUS, 0)[0].1, [expected]);
+        assert_eq!(rig.program.node.pulse(0), us(pulse));
     }
 }
 
@@ -733,10 +700,10 @@ fn the_light_shows_the_brightest_colour_of_its_entry() {
     ] {
         let mut rig = Rig::new();
         rig.text(text);
-        assert_eq!(rig.node.light(), light, "{text}");
+        assert_eq!(rig.program.node.light(), light, "{text}");
         rig.text("1804390A 05 F8 00 C0");
         rig.text("1804390A C0");
-        assert_eq!(rig.node.light(), light, "another's light");
+        assert_eq!(rig.program.node.light(), light, "another's light");
     }
 }
 
@@ -749,7 +716,7 @@ fn light_never_gets_darker_as_a_colour_gets_brighter() {
         for level in 0..levels {
             let [high, low] = (level << shift).to_be_bytes();
             rig.frames(&[golden::frame(0x1804_390A, &[0, high, low, 0xC0])]);
-            let light = rig.node.light();
+            let light = rig.program.node.light();
             assert!(light >= last, "{level} of {levels}: {light}");
             assert!(
                 (f64::from(light) - f64::from(level) * 255.0 / f64::from(levels - 1)).abs() < 8.0
@@ -767,45 +734,50 @@ fn without_commands_the_servo_goes_where_out1_fs_has_it() {
     for (failsafe, expected) in [(0, 1800.0), (1, 1400.0), (2, 1100.0), (3, 0.0)] {
         for timeout_ms in [1, 20, 1000, 10_000] {
             let mut rig = Rig::with(&[
-                (Parameter::Out1Fs, failsafe),
-                (Parameter::Out1Timeout, timeout_ms),
-                (Parameter::Out1Trim, 1400),
-                (Parameter::Out1FsPwm, 1100),
+                (OutputParameter::Fs.of(0), failsafe),
+                (OutputParameter::Timeout.of(0), timeout_ms),
+                (OutputParameter::Trim.of(0), 1400),
+                (OutputParameter::FsPwm.of(0), 1100),
             ]);
             rig.run(61_234);
             rig.command(PWM, 1800.0);
             rig.run(timeout_ms as u32);
-            assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0), "{failsafe} {timeout_ms}");
+            assert_eq!(
+                (rig.program.node.pulse(0), rig.code()),
+                (us(1800.0), 0),
+                "{failsafe} {timeout_ms}"
+            );
             rig.run(1);
             assert_eq!(
-                (rig.node.pulse(0), rig.code()),
+                (rig.program.node.pulse(0), rig.code()),
                 (us(expected), 1 << 10),
                 "{failsafe} {timeout_ms}"
             );
             rig.run(2500);
-            assert_eq!((rig.node.pulse(0), rig.status()), (us(expected), (0x80, 1 << 10)));
+            assert_eq!((rig.program.node.pulse(0), rig.status()), (us(expected), (0x80, 1 << 10)));
             rig.command(PWM, 1700.0);
-            assert_eq!((rig.node.pulse(0), rig.code()), (us(1700.0), 0), "commands again");
+            assert_eq!((rig.program.node.pulse(0), rig.code()), (us(1700.0), 0), "commands again");
         }
     }
 }
 
 #[test]
 fn the_failsafe_pulse_stays_within_the_travel() {
-    for (width, expected) in [(500, 1000.0), (2500, 2000.0)] {
-        let mut rig = Rig::with(&[(Parameter::Out1Fs, 2), (Parameter::Out1FsPwm, width)]);
+    for (width, expected) in [(500, 1000.0), (2400, 2000.0)] {
+        let mut rig =
+            Rig::with(&[(OutputParameter::Fs.of(0), 2), (OutputParameter::FsPwm.of(0), width)]);
         rig.command(PWM, 1800.0);
         rig.run(1001);
-        assert_eq!(rig.node.pulse(0), us(expected));
+        assert_eq!(rig.program.node.pulse(0), us(expected));
     }
 }
 
 #[test]
 fn with_a_timeout_of_0_the_servo_stays_for_ever() {
-    let mut rig = Rig::with(&[(Parameter::Out1Fs, 3), (Parameter::Out1Timeout, 0)]);
+    let mut rig = Rig::with(&[(OutputParameter::Fs.of(0), 3), (OutputParameter::Timeout.of(0), 0)]);
     rig.command(PWM, 1800.0);
     rig.run(200_000);
-    assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0));
+    assert_eq!((rig.program.node.pulse(0), rig.code()), (us(1800.0), 0));
 }
 
 #[test]
@@ -816,19 +788,19 @@ fn only_followed_commands_prevent_the_failsafe() {
         "1003F20A C9",
         "1001550A 01 00 00 00 00 00 00 C0",
     ] {
-        let mut rig = Rig::with(&[(Parameter::Out1Fs, 3)]);
+        let mut rig = Rig::with(&[(OutputParameter::Fs.of(0), 3)]);
         rig.command(PWM, 1800.0);
         for _ in 0..11 {
             rig.run(100);
             rig.text(text);
         }
-        assert_eq!(rig.node.pulse(0), 0, "{text}");
+        assert_eq!(rig.program.node.pulse(0), 0, "{text}");
     }
-    let mut rig = Rig::with(&[(Parameter::Out1Fs, 3)]);
+    let mut rig = Rig::with(&[(OutputParameter::Fs.of(0), 3)]);
     for _ in 0..100 {
         rig.command(PWM, 1800.0);
         rig.run(999);
-        assert_eq!(rig.node.pulse(0), us(1800.0));
+        assert_eq!(rig.program.node.pulse(0), us(1800.0));
     }
 }
 
@@ -843,11 +815,11 @@ fn where_arming_is_required_only_an_armed_vehicle_is_followed() {
     assert_eq!(rig.code(), 1 << 14);
     rig.command(PWM, 1800.0);
     rig.text("1804570A 80 C0");
-    assert_eq!((rig.node.pulse(0), rig.node.health().counts.refused), (0, 2));
+    assert_eq!((rig.program.node.pulse(0), rig.program.node.health().counts.refused), (0, 2));
     rig.text(ARMED);
     rig.run(1);
     rig.command(PWM, 1800.0);
-    assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0));
+    assert_eq!((rig.program.node.pulse(0), rig.code()), (us(1800.0), 0));
 }
 
 #[cfg(feature = "standard")]
@@ -857,8 +829,8 @@ fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
         for status in [0, 1, 128, 254] {
             let mut rig = Rig::with(&[
                 (Parameter::ArmReq, 1),
-                (Parameter::Out1Fs, failsafe),
-                (Parameter::Out1FsPwm, 1200),
+                (OutputParameter::Fs.of(0), failsafe),
+                (OutputParameter::FsPwm.of(0), 1200),
             ]);
             rig.text(ARMED);
             rig.run(1);
@@ -866,13 +838,13 @@ fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
             rig.text(&format!("18044C0A {status:02X} C0"));
             rig.run(1);
             assert_eq!(
-                (rig.node.pulse(0), rig.code()),
+                (rig.program.node.pulse(0), rig.code()),
                 (us(expected), 1 << 14),
                 "{failsafe} {status}"
             );
             rig.command(PWM, 1900.0);
             rig.run(2000);
-            assert_eq!(rig.node.pulse(0), us(expected));
+            assert_eq!(rig.program.node.pulse(0), us(expected));
             assert_eq!(rig.code(), 1 << 14, "no failsafe: it is not that commands were missing");
         }
     }
@@ -884,8 +856,8 @@ fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
     for start in [59_000, 59_001, 59_250, 59_500, 59_999] {
         let mut rig = Rig::with(&[
             (Parameter::ArmReq, 1),
-            (Parameter::Out1Timeout, 0),
-            (Parameter::Out1Fs, 3),
+            (OutputParameter::Timeout.of(0), 0),
+            (OutputParameter::Fs.of(0), 3),
         ]);
         rig.run(start);
         for _ in 0..20 {
@@ -893,11 +865,11 @@ fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
             rig.run(500);
             rig.command(PWM, 1800.0);
         }
-        assert_eq!(rig.node.pulse(0), us(1800.0));
+        assert_eq!(rig.program.node.pulse(0), us(1800.0));
         rig.run(2500);
-        assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0), "{start}");
+        assert_eq!((rig.program.node.pulse(0), rig.code()), (us(1800.0), 0), "{start}");
         rig.run(1001);
-        assert_eq!((rig.node.pulse(0), rig.code()), (0, 1 << 14), "{start}");
+        assert_eq!((rig.program.node.pulse(0), rig.code()), (0, 1 << 14), "{start}");
     }
 }
 
@@ -907,7 +879,7 @@ fn where_arming_is_not_required_it_does_not_matter() {
     rig.text("18044C0A 00 C0");
     rig.run(1);
     rig.command(PWM, 1800.0);
-    assert_eq!((rig.node.pulse(0), rig.code()), (us(1800.0), 0));
+    assert_eq!((rig.program.node.pulse(0), rig.code()), (us(1800.0), 0));
 }
 
 #[cfg(feature = "standard")]
@@ -916,7 +888,7 @@ fn the_first_command_after_a_start_needs_arming_too() {
     let mut rig = Rig::with(&[(Parameter::ArmReq, 1)]);
     // Before the end of the first millisecond.
     rig.command(PWM, 1800.0);
-    assert_eq!(rig.node.pulse(0), 0);
+    assert_eq!(rig.program.node.pulse(0), 0);
 }
 
 // Messages
@@ -987,7 +959,7 @@ fn no_temperature_is_sent_before_there_is_one() {
 #[cfg(feature = "standard")]
 #[test]
 fn the_actuator_status_has_the_position_that_was_commanded_and_nothing_that_is_not_known() {
-    let mut rig = Rig::with(&[(Parameter::Out1Id, 1), (Parameter::Out1Timeout, 0)]);
+    let mut rig = Rig::with(&[(OutputParameter::Id.of(0), 1), (OutputParameter::Timeout.of(0), 0)]);
     rig.run(150);
     let nan = [0x00, 0x7E];
     let payload = |position: [u8; 2]| [&[1], &position[..], &nan, &nan, &[127]].concat();
@@ -1015,7 +987,8 @@ fn the_golden_can_stats_are_sent() {
         rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == CAN_STATS);
     assert_eq!(
         golden::text(stats),
-        "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 | 08 00 09 00 0A 00 60"
+        "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 | \
+         08 00 09 00 0A 00 60"
     );
 }
 
@@ -1180,18 +1153,18 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
                     _ => [0, 1, 10, 50, 125, 360, 500, 1000, 1500, 2500, 10_000, 65_535, 125_000]
                         [usize::from(next() % 13)],
                 };
-                if index == Parameter::CanNode as u8 && n % 2 == 0 {
+                if index == Parameter::CanNode.index() && n % 2 == 0 {
                     continue;
                 }
                 let payload = [&[index, 1][..], &value.to_le_bytes()].concat();
-                let before = rig.node.parameters;
+                let before = rig.program.node.parameters;
                 rig.frames(&golden::transfer(
                     0x1E0B_F880 | source,
                     golden::GET_SET,
                     transfer_id,
                     &payload,
                 ));
-                set += u32::from(rig.node.parameters != before);
+                set += u32::from(rig.program.node.parameters != before);
             }
             3 => {
                 let service = [1, 4, 5, 10, 11, 40][usize::from(next() % 6)];
@@ -1226,9 +1199,13 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
             }
         }
         rig.run(u32::from(next() % 4));
-        let pulse = rig.node.pulse(0);
+        let pulse = rig.program.node.pulse(0);
         assert!(pulse == 0 || (us(500.0)..=us(2500.0)).contains(&pulse), "{pulse}");
     }
     assert!(set > 1000, "{set}");
-    assert!(rig.node.health().counts.followed > 250, "{:?}", rig.node.health().counts);
+    assert!(
+        rig.program.node.health().counts.followed > 50,
+        "{:?}",
+        rig.program.node.health().counts
+    );
 }

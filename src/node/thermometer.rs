@@ -6,7 +6,7 @@
 //! resolution than one reading.
 
 use super::parameters::{Parameter, Parameters};
-use super::servo;
+use crate::math::scaled;
 
 /// There is a sensor if so many readings in a row are between the ends of the range.
 const FOUND: u8 = 16;
@@ -80,7 +80,7 @@ impl Thermometer {
     pub fn uncorrected(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
         let slope = parameters.get(Parameter::TempSlope);
-        servo::scaled(self.latest >> 1, reference, slope << 6).saturating_add(ZERO_CELSIUS)
+        scaled(self.latest >> 1, reference, slope << 6).saturating_add(ZERO_CELSIUS)
     }
 }
 
@@ -91,7 +91,7 @@ pub fn corrected(measured: u16, parameters: &Parameters) -> u16 {
     // TEMP_OFFSET is in mV and TEMP_SLOPE in 0.1 mV per kelvin: times 10 for the unit and times 64
     // for 64ths of a kelvin is 640.
     let offset = parameters.get(Parameter::TempOffset) as i16;
-    let at_zero = servo::scaled(offset.unsigned_abs(), 640, parameters.get(Parameter::TempSlope));
+    let at_zero = scaled(offset.unsigned_abs(), 640, parameters.get(Parameter::TempSlope));
     let kelvin_64ths = if offset < 0 {
         measured.saturating_add(at_zero)
     } else {

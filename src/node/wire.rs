@@ -56,7 +56,7 @@ mod tests {
     fn frames_of_the_thesis_are_one_frame_long() {
         let mut receiver = Receiver::new();
         for frame in golden::transfer(0x1804_570A, 0, 1, &[0; 14]) {
-            let verdict = receiver.accept(segment(&frame, 120).unwrap(), 1, 0, 0);
+            let verdict = receiver.accept(segment(&frame, 120).unwrap(), 1, 0);
             assert_eq!(verdict, dronecan_wire::Verdict::Rejected(Rejection::Malformed));
         }
     }

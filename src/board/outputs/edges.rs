@@ -7,7 +7,7 @@ use super::super::chip::{TC0, TC1};
 use super::super::clock::TOP as TIMER0_TOP;
 use super::super::timer1::{self, TICKS};
 use firmware::hardware::{OUTPUTS, SLOT_US};
-use firmware::node::servo::Ticks;
+use firmware::parts::outputs::travel::Ticks;
 
 /// Ticks of Timer1 in a tick of Timer0.
 pub(super) const TICKS_OF_TIMER0: Ticks = 8;

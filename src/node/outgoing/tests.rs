@@ -35,7 +35,7 @@ fn sent(outgoing: &mut Outgoing) -> (Vec<Frame>, Vec<usize>) {
 
 fn new(form: Form) -> Outgoing {
     let mut outgoing = Outgoing::new();
-    outgoing.clear(false);
+    outgoing.clear();
     outgoing.payload.form = form;
     outgoing
 }
@@ -81,7 +81,8 @@ fn golden_transfers_of_kept_bytes_come_out_byte_for_byte() {
         ("1E0B7FF8 00 00 00 00 C2", golden::GET_SET, 2),
         #[cfg(feature = "stats")]
         (
-            "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 | 08 00 09 00 0A 00 60",
+            "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 \
+             | 08 00 09 00 0A 00 60",
             golden::CAN_STATS,
             0,
         ),
@@ -141,7 +142,7 @@ fn nothing_of_an_earlier_transfer_shows_in_a_later_one() {
     let mut outgoing = kept(&[0xFF; KEPT]);
     begin(&mut outgoing, 0x1E0A_7FF8, 31, SIGNATURE);
     sent(&mut outgoing);
-    outgoing.clear(false);
+    outgoing.clear();
     outgoing.put8(0x80);
     begin(&mut outgoing, 0x1E0A_7FF8, 6, 0);
     assert_eq!(golden::text(&sent(&mut outgoing).0), "1E0A7FF8 80 C6");
@@ -158,7 +159,8 @@ fn transport_stats_have_48_bits_for_each_number() {
     begin(&mut outgoing, 0x1E04_7FF8, 5, golden::GET_TRANSPORT_STATS);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),
-        "1E047FF8 8C B1 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | 12 00 00 00 00 78 56 25 | 00 00 00 \
+        "1E047FF8 8C B1 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | \
+         12 00 00 00 00 78 56 25 | 00 00 00 \
          00 BC 9A 00 05 | 00 00 00 65"
     );
 }
@@ -166,10 +168,8 @@ fn transport_stats_have_48_bits_for_each_number() {
 #[cfg(feature = "standard")]
 fn parameter(parameter: Parameter, value: i16, transfer_id: u8) -> String {
     let mut outgoing = new(Form::Parameter);
-    let name_at = parameters::name_at(parameter as u8, InMemory);
-    outgoing.payload.parameter = (parameter as u8, value as u16, name_at);
-    outgoing.payload.len =
-        parameters::NUMBERS_LEN + Progmem::<Descriptions>::byte(InMemory, name_at - 1);
+    (outgoing.payload.parameter, outgoing.payload.len) =
+        Response::new(parameter.index(), value as u16, InMemory);
     begin(&mut outgoing, 0x1E0B_7FF8, transfer_id, golden::GET_SET);
     golden::text(&sent(&mut outgoing).0)
 }
@@ -179,18 +179,21 @@ fn parameter(parameter: Parameter, value: i16, transfer_id: u8) -> String {
 fn golden_parameters_come_out_byte_for_byte() {
     assert_eq!(
         parameter(Parameter::CanNode, 42, 1),
-        "1E0B7FF8 47 0A 01 2A 00 00 00 81 | 00 00 00 00 01 78 00 21 | 00 00 00 00 00 00 01 01 | 7D 00 00 00 00 00 00 21 | 00 01 00 \
+        "1E0B7FF8 47 0A 01 2A 00 00 00 81 | 00 00 00 00 01 78 00 21 | 00 00 00 00 00 00 01 01 | \
+         7D 00 00 00 00 00 00 21 | 00 01 00 \
          00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41"
     );
     assert_eq!(parameter(Parameter::CanBaudrate, 2, 2), golden::BAUDRATE_IS_500_KBIT);
     assert_eq!(
         parameter(Parameter::TempOffset, -50, 3),
-        "1E0B7FF8 F5 05 01 CE FF FF FF 83 | FF FF FF FF 01 00 00 23 | 00 00 00 00 00 00 01 03 | DC 05 00 00 00 00 00 23 | 00 01 0C \
+        "1E0B7FF8 F5 05 01 CE FF FF FF 83 | FF FF FF FF 01 00 00 23 | 00 00 00 00 00 00 01 03 | \
+         DC 05 00 00 00 00 00 23 | 00 01 0C \
          FE FF FF FF 03 | FF FF FF 54 45 4D 50 23 | 5F 4F 46 46 53 45 54 43"
     );
     assert_eq!(
         parameter(Parameter::WarnMask, 0x1BF7, 4),
-        "1E0B7FF8 EE 66 01 F7 1B 00 00 84 | 00 00 00 00 01 F7 1B 24 | 00 00 00 00 00 00 01 04 | FF FF 00 00 00 00 00 24 | 00 01 00 \
+        "1E0B7FF8 EE 66 01 F7 1B 00 00 84 | 00 00 00 00 01 F7 1B 24 | 00 00 00 00 00 00 01 04 | \
+         FF FF 00 00 00 00 00 24 | 00 01 00 \
          00 00 00 00 04 | 00 00 00 57 41 52 4E 24 | 5F 4D 41 53 4B 44"
     );
 }
@@ -217,20 +220,19 @@ fn the_answer_to_get_node_info_has_status_versions_unique_id_and_name() {
     assert_eq!(&payload[41..], NODE_NAME.as_bytes());
 }
 
-#[cfg(feature = "standard")]
+#[cfg(feature = "update")]
 #[test]
 fn the_golden_refusal_of_an_update_comes_out_byte_for_byte() {
     let mut outgoing = kept(&[1]);
     outgoing.payload.form = Form::Text;
-    outgoing.payload.len = 1 + information::NO_UPDATE_LEN;
-    #[cfg(feature = "update")]
-    {
-        outgoing.payload.text_at = information::NO_UPDATE_AT;
-    }
+    let (text_at, text_len) = information::text(0);
+    outgoing.payload.text_at = text_at;
+    outgoing.payload.len = 1 + text_len;
     begin(&mut outgoing, 0x1E28_7FF8, 9, golden::BEGIN_FIRMWARE_UPDATE);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),
-        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | 72 69 61 6C 69"
+        "1E287FF8 07 C4 01 75 70 64 61 89 | 74 65 20 6F 76 65 72 29 | 20 55 53 42 20 73 65 09 | \
+         72 69 61 6C 69"
     );
 }
 

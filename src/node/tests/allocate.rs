@@ -50,7 +50,7 @@ fn next_frame(rig: &mut Rig) -> (String, u32) {
 #[test]
 fn the_golden_conversation_gives_it_a_node_id() {
     let mut rig = anonymous();
-    assert_eq!(rig.node.acceptance(InMemory).node, None);
+    assert_eq!(rig.program.node.acceptance(InMemory).node, None);
     for (request, answer) in [
         ("1E974D00 01 00 01 02 03 04 05 C0", ANSWERS[0]),
         ("1EBC1100 00 06 07 08 09 0A 0B C1", ANSWERS[1]),
@@ -63,10 +63,10 @@ fn the_golden_conversation_gives_it_a_node_id() {
         assert!(!takes_filters(&mut rig));
         rig.text(answer);
     }
-    assert_eq!(rig.node.id(), 125);
+    assert_eq!(rig.program.node.id(), 125);
     assert!(takes_filters(&mut rig));
     assert!(!takes_filters(&mut rig), "once");
-    assert_eq!(rig.node.acceptance(InMemory).node, NodeId::new(125));
+    assert_eq!(rig.program.node.acceptance(InMemory).node, NodeId::new(125));
     rig.can.sent.clear();
     rig.run(3000);
     assert!(
@@ -145,11 +145,15 @@ fn every_allocation_message_puts_its_next_request_off() {
 fn a_grant_for_another_node_is_not_taken() {
     let mut rig = anonymous();
     rig.text("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
-    assert_eq!((rig.node.id(), takes_filters(&mut rig)), (0, false));
+    assert_eq!((rig.program.node.id(), takes_filters(&mut rig)), (0, false));
     let unique_id = golden::bytes("44 C0 8B 63 5E 05 F4 BC 10 96 DF 11 A8 BA 54 47");
     let mut rig = with_unique_id(unique_id.first_chunk().unwrap(), &[(Parameter::CanNode, 0)]);
     rig.text("1E000101 29 BA FA 44 C0 8B 63 82 | 5E 05 F4 BC 10 96 DF 22 | 11 A8 BA 54 47 42");
-    assert_eq!((rig.node.id(), takes_filters(&mut rig)), (125, true), "the same for the right one");
+    assert_eq!(
+        (rig.program.node.id(), takes_filters(&mut rig)),
+        (125, true),
+        "the same for the right one"
+    );
 }
 
 #[test]
@@ -159,7 +163,7 @@ fn with_an_id_of_its_own_it_never_asks_and_takes_no_grant() {
         rig.text(answer);
         rig.run(1000);
     }
-    assert_eq!((rig.node.id(), takes_filters(&mut rig)), (120, false));
+    assert_eq!((rig.program.node.id(), takes_filters(&mut rig)), (120, false));
     assert!(rig.can.sent.iter().all(|(_, frame)| Id::from_bytes(frame.id).source() == 120));
 }
 
@@ -167,49 +171,28 @@ fn with_an_id_of_its_own_it_never_asks_and_takes_no_grant() {
 fn the_id_that_was_granted_is_not_kept() {
     let mut rig = anonymous();
     rig.text(ANSWERS[2]);
-    assert_eq!(rig.node.id(), 125);
+    assert_eq!(rig.program.node.id(), 125);
     // ExecuteOpcode SAVE to node 125.
     rig.text("1E0AFDFF 00 00 00 00 00 00 00 C4");
     rig.run(3000);
-    let rig = Rig::start(rig.memory, ResetCause::ASKED_FOR);
-    assert_eq!(rig.node.id(), 0);
+    let rig = Rig::start(rig.board.memory, ResetCause::ASKED_FOR);
+    assert_eq!(rig.program.node.id(), 0);
 }
 
 #[test]
 fn its_unique_id_is_made_once_and_kept() {
     let first = Rig::start(Memory::blank(), ResetCause::POWER_ON);
-    let unique_id = *first.node.unique_id();
+    let unique_id = *first.program.node.unique_id();
     assert_ne!(unique_id, [0; 16]);
     let mut again = Node::new();
-    let mut memory = first.memory;
+    let mut memory = first.board.memory;
     again.start(
         ResetCause::POWER_ON,
+        false,
         &mut memory,
         || unreachable!(),
         InMemory,
         &mut Monitor::new(),
     );
     assert_eq!(*again.unique_id(), unique_id);
-}
-
-#[cfg(feature = "draft")]
-#[test]
-fn set_to_the_draft_which_has_no_allocation_it_asks_in_v0_and_goes_on_in_the_draft() {
-    let mut rig = Rig::with(&[(Parameter::CanNode, 0), (Parameter::Dialect, 2)]);
-    rig.run(2000);
-    assert!(
-        !rig.can.sent.is_empty()
-            && rig.can.sent.iter().all(|(_, frame)| golden::id(frame) & 0x03FF == 0x0100),
-        "{:?}",
-        rig.can.sent
-    );
-    rig.node.id = 42;
-    rig.can.sent.clear();
-    rig.run(1100);
-    // NodeStatus 550 of node 42, OK.
-    let frame = rig.can.sent[0].1;
-    assert_eq!(
-        (frame.id[..3].to_vec(), frame.len, frame.data[3]),
-        (vec![0x11, 0x34, 42 << 2], 6, 0)
-    );
 }

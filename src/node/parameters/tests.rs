@@ -1,0 +1,259 @@
+//! Every parameter, in every build.
+
+use dronecan_wire::crc;
+
+use super::*;
+use crate::image::InMemory;
+
+/// Name, minimum, maximum and default of every parameter, in the order of their indices.
+fn table() -> std::vec::Vec<(std::string::String, i32, i32, i32)> {
+    let mut table = std::vec::Vec::new();
+    table.extend(SINGLE.iter().map(|&(name, min, max, value)| (name.to_owned(), min, max, value)));
+    for output in 1..=OUTPUTS as i32 {
+        for &(name, min, max, value) in TEMPLATE {
+            let value = if name == "ID" { output } else { value };
+            table.push((format!("OUT{output}_{name}"), min, max, value));
+        }
+    }
+    table
+}
+
+#[test]
+fn the_digest_is_the_crc_of_the_number_of_outputs_and_all_names_and_ranges() {
+    let range =
+        |min: i32, max: i32| [(min as u16).to_le_bytes(), (max as u16).to_le_bytes()].concat();
+    let rows = SINGLE.iter().chain(TEMPLATE);
+    let bytes = rows.flat_map(|&(name, min, max, _)| [name.as_bytes(), &range(min, max)].concat());
+    assert_eq!(DIGEST, std::iter::once(OUTPUTS as u8).chain(bytes).fold(0xFFFF, crc::step));
+}
+
+/// Sets a parameter to a number. Returns false if it does not fit in 32 bits.
+fn set(parameters: &mut Parameters, index: u8, number: i64) -> bool {
+    i32::try_from(number).is_ok_and(|number| parameters.set(index, number, InMemory))
+}
+
+fn fresh() -> Parameters {
+    let mut parameters = Parameters::new();
+    parameters.set_defaults(InMemory);
+    parameters
+}
+
+/// The value on the bus for a number of the table.
+fn on_the_bus(index: usize, number: i32) -> i64 {
+    if index == usize::from(Parameter::CanBaudrate.index()) {
+        125_000 << number
+    } else {
+        number.into()
+    }
+}
+
+fn response(parameters: &Parameters, index: u8) -> std::vec::Vec<u8> {
+    let value = parameters.value(index).unwrap();
+    let (response, _) = Response::new(index, value, InMemory);
+    (0..NUMBERS_LEN).map(|at| response.byte(at, InMemory)).collect()
+}
+
+/// The four numbers of a response. Checks their tags.
+fn numbers(parameters: &Parameters, index: u8) -> [i64; 4] {
+    let response = response(parameters, index);
+    core::array::from_fn(|n| {
+        assert_eq!(response[9 * n], 1, "the tag of an integer");
+        i64::from_le_bytes(response[9 * n + 1..9 * n + 9].try_into().unwrap())
+    })
+}
+
+#[test]
+fn every_parameter_answers_with_value_default_maximum_and_minimum() {
+    for (index, (name, min, max, default)) in table().into_iter().enumerate() {
+        let [min, max, default] = [min, max, default].map(|number| on_the_bus(index, number));
+        assert_eq!(numbers(&fresh(), index as u8), [default, default, max, min], "{name}");
+    }
+}
+
+#[test]
+fn a_response_is_laid_out_as_pydronecan_does() {
+    // CAN_NODE = 42, default 120, maximum 125, minimum 0.
+    let mut parameters = fresh();
+    assert!(set(&mut parameters, 0, 42));
+    let mut expected = [0; 36];
+    for (number, value) in [42, 120, 125, 0].into_iter().enumerate() {
+        expected[9 * number] = 1;
+        expected[9 * number + 1] = value;
+    }
+    assert_eq!(response(&parameters, 0), expected);
+}
+
+#[test]
+fn all_of_a_range_can_be_set_and_nothing_else() {
+    for (index, (name, min, max, _)) in table().into_iter().enumerate() {
+        if index == usize::from(Parameter::CanBaudrate.index()) {
+            continue;
+        }
+        let mut parameters = fresh();
+        for number in -67_000..70_000 {
+            let before = parameters;
+            let is_set = set(&mut parameters, index as u8, number.into());
+            assert_eq!(is_set, (min..=max).contains(&number), "{name} {number}");
+            if is_set {
+                assert_eq!(parameters.value(index as u8), Some(number as u16));
+            } else {
+                assert_eq!(parameters, before, "{name} {number}");
+            }
+        }
+        for number in [
+            i32::MIN,
+            i32::MIN + 500,
+            -0x7FFF_0000,
+            0x0002_0001,
+            0x00FF_0000,
+            0x7FFF_FE0C,
+            i32::MAX,
+        ] {
+            assert!(!set(&mut parameters, index as u8, number.into()), "{name} {number}");
+        }
+    }
+}
+
+#[test]
+fn what_is_set_is_answered() {
+    for (index, (name, min, max, default)) in table().into_iter().enumerate() {
+        // Afresh, because not every number of outputs goes with every rate.
+        let mut parameters = fresh();
+        for number in [min, max, default, (min + max) / 2] {
+            let [number, min, max, default] =
+                [number, min, max, default].map(|number| on_the_bus(index, number));
+            if set(&mut parameters, index as u8, number) {
+                assert_eq!(
+                    numbers(&parameters, index as u8),
+                    [number, default, max, min],
+                    "{name}"
+                );
+            } else {
+                assert_eq!(name, "CAN_BAUDRATE", "half of the sum of its ends is no bit rate");
+            }
+        }
+    }
+}
+
+#[test]
+fn the_bit_rate_is_one_of_the_board_s_in_bits_per_second() {
+    let index = Parameter::CanBaudrate.index();
+    let highest = if crate::hardware::CAN_CRYSTAL_HZ == 8_000_000 { 500_000 } else { 1_000_000 };
+    let mut parameters = fresh();
+    let mut rates = vec![];
+    for (rate, units) in [(125_000, 0), (250_000, 1), (500_000, 2), (1_000_000, 3)] {
+        if rate > highest {
+            continue;
+        }
+        assert!(set(&mut parameters, index, rate), "{rate}");
+        assert_eq!(parameters.get(Parameter::CanBaudrate), units);
+        assert_eq!(numbers(&parameters, index), [rate, highest, highest, 125_000]);
+        rates.push(rate);
+    }
+    let before = parameters;
+    for rate in (-70_000..2_100_000).chain((1..256).map(|high| 125_000 | high << 24)) {
+        if !rates.contains(&rate) {
+            assert!(!set(&mut parameters, index, rate), "{rate}");
+        }
+    }
+    assert_eq!(parameters, before);
+}
+
+#[test]
+fn values_out_of_range_are_replaced_by_the_defaults_and_no_others() {
+    for (index, (name, min, max, default)) in table().into_iter().enumerate() {
+        // All values around the ends of each range, and some of all the others.
+        let around = |end: i32| (end - 3..=end + 3).map(|number| number as u16);
+        for value in (0..=u16::MAX)
+            .step_by(97)
+            .chain(around(min))
+            .chain(around(max))
+            .chain([i16::MAX as u16, u16::MAX])
+        {
+            let number = if min < 0 { i32::from(value as i16) } else { i32::from(value) };
+            let mut parameters = fresh();
+            parameters.bytes()[2 * index..][..2].copy_from_slice(&value.to_le_bytes());
+            let is_good = (min..=max).contains(&number);
+            assert_eq!(parameters.repair(InMemory), !is_good, "{name} {number}");
+            let expected = if is_good { value } else { default as u16 };
+            assert_eq!(parameters.value(index as u8), Some(expected), "{name} {number}");
+        }
+    }
+}
+
+#[test]
+fn every_parameter_is_found_by_its_name_and_has_it() {
+    for (index, (name, ..)) in table().into_iter().enumerate() {
+        assert_eq!(Parameters::find(name.as_bytes(), InMemory), index as u8, "{name}");
+        let (response, len) = Response::new(index as u8, 0, InMemory);
+        let stored: std::vec::Vec<u8> =
+            (NUMBERS_LEN..len).map(|at| response.byte(at, InMemory)).collect();
+        assert_eq!(stored, name.as_bytes());
+    }
+}
+
+#[test]
+fn names_of_nothing_are_not_found() {
+    for name in [
+        "",
+        "C",
+        "CAN_NOD",
+        "CAN_NODE ",
+        "CAN_NODEX",
+        "can_node",
+        "OUT1_MIX",
+        "OUT1_",
+        "MIN",
+        "OUT9_MIN",
+        "OUT0_MIN",
+        "OUT1_CAN_NODE",
+        "SEVENTEEN_LETTERS",
+        "\0",
+    ] {
+        assert_eq!(Parameters::find(name.as_bytes(), InMemory), NONE, "{name:?}");
+    }
+}
+
+#[test]
+fn there_is_no_parameter_after_the_last() {
+    let mut parameters = fresh();
+    for index in COUNT as u8..=255 {
+        assert_eq!(parameters.value(index), None);
+        assert!(!set(&mut parameters, index, 0));
+    }
+    assert_eq!(parameters, fresh());
+}
+
+#[test]
+fn names_are_unique_and_those_of_ardupilot_where_it_has_one() {
+    let names: std::collections::HashSet<_> = table().into_iter().map(|row| row.0).collect();
+    assert_eq!(names.len(), COUNT);
+    for name in names {
+        assert!(
+            name.len() <= 16
+                && name
+                    .bytes()
+                    .all(|byte| byte.is_ascii_uppercase() || byte.is_ascii_digit() || byte == b'_'),
+            "{name}"
+        );
+    }
+}
+
+#[test]
+fn values_below_zero_come_back_below_zero() {
+    let mut parameters = fresh();
+    assert!(set(&mut parameters, Parameter::TempMin.index(), -55));
+    assert_eq!(parameters.get(Parameter::TempMin) as i16, -55);
+    assert_eq!(numbers(&parameters, Parameter::TempMin.index()), [-55, -40, 150, -55]);
+}
+
+#[test]
+fn a_change_is_noted_once_and_a_refusal_is_none() {
+    let mut parameters = fresh();
+    assert!(parameters.take_change(), "defaults are a change");
+    assert!(!parameters.take_change());
+    assert!(!set(&mut parameters, OutputParameter::Min.of(0).index(), 3000));
+    assert!(!parameters.take_change());
+    assert!(set(&mut parameters, OutputParameter::Min.of(0).index(), 900));
+    assert!(parameters.take_change());
+}

@@ -1,0 +1,123 @@
+//! DroneCAN v0: the dialect of every build but that of the thesis.
+
+use dronecan_wire::types::{self, Message};
+use dronecan_wire::{Id, Rejection, Tail};
+use mcp2515_ordered::{Frame, Pattern};
+
+use super::Heard;
+use crate::node::condition::Conditions;
+use crate::node::health::Level;
+use crate::node::kind::Kind;
+use crate::node::parameters::{Descriptions, Parameters};
+use crate::node::publisher::Publication;
+use crate::node::store::{Eeprom, Store};
+use crate::node::wire::{self, Segment, Transfer};
+use crate::progmem::Progmem;
+
+/// uavcan.protocol.NodeStatus
+pub const NODE_STATUS: Message = types::NODE_STATUS;
+
+/// The message with the presses of the button.
+pub const PRESSES: Publication = Publication::KeyValue;
+
+/// The node does not send the thesis's temperature.
+pub const DEGREES_CELSIUS: Publication = Publication::NONE;
+
+/// Loads the saved parameters. Returns true if some were lost.
+#[inline(always)]
+pub fn load<E: Eeprom, P: Progmem<Descriptions>>(
+    store: &mut Store,
+    parameters: &mut Parameters,
+    eeprom: &E,
+    flash: P,
+) -> bool {
+    store.load(parameters, eeprom, flash)
+}
+
+/// No condition is set.
+pub const CONDITION: Conditions = Conditions::NONE;
+
+/// True: requests pass the filters.
+pub const HAS_REQUESTS: bool = true;
+
+/// `None`: the filters follow from the table of received types.
+pub const FILTERS: Option<[Pattern; 8]> = None;
+
+/// Priority of periodic messages. ArduPilot's own peripherals use the same.
+const PRIORITY_LOW: u8 = 24;
+
+/// The thesis's measurement, which the node does not send.
+#[derive(Default)]
+pub struct Measurements;
+
+impl Measurements {
+    /// Nothing.
+    pub const fn new() -> Self {
+        Self
+    }
+
+    /// False.
+    pub fn note_status(&mut self) -> bool {
+        false
+    }
+}
+
+/// The identifier of a message.
+#[inline(always)]
+pub fn message_id(data_type: u16, source: u8) -> [u8; 4] {
+    Id::message(PRIORITY_LOW, data_type, source).to_bytes()
+}
+
+/// Completes a frame: adds the tail byte.
+#[inline(always)]
+pub fn finish(frame: &mut Frame, tail: Tail) {
+    frame.push(tail.0);
+}
+
+/// Puts the payload of a NodeStatus (DSDL uavcan/protocol/341.NodeStatus.uavcan). Returns its
+/// length in bytes; the last of the bytes that it puts is not one of them.
+#[inline(always)]
+pub fn put_status(
+    uptime_sec: u32,
+    level: Level,
+    mode: u8,
+    code: u16,
+    put: &mut impl FnMut(u16),
+) -> u8 {
+    let [u0, u1, u2, u3] = uptime_sec.to_le_bytes();
+    let [code_low, code_high] = code.to_le_bytes();
+    put(u16::from_le_bytes([u0, u1]));
+    put(u16::from_le_bytes([u2, u3]));
+    put(u16::from_le_bytes([(level as u8) << 6 | mode << 3, code_low]));
+    put(u16::from(code_high));
+    7
+}
+
+/// Reads the NodeStatus of another node. `None` if its length is wrong.
+#[inline(always)]
+pub fn read_status(status: &Transfer) -> Option<Heard> {
+    let &[u0, u1, u2, u3, state, ..] = status.bytes();
+    if status.len() != 7 {
+        return None;
+    }
+    Some(Heard { uptime: [u0, u1, u2, u3], level: state >> 6 })
+}
+
+/// Data type ID and source of a frame.
+#[inline(always)]
+pub fn origin(frame: &Frame) -> (u16, u8) {
+    let id = Id::from_bytes(frame.id);
+    (id.data_type(), id.source())
+}
+
+/// Data type ID of a message of this kind.
+#[inline(always)]
+pub fn data_type(kind: Kind) -> u16 {
+    kind.id()
+}
+
+/// Reads a frame for the node with this ID, or 0 if it has none.
+#[inline(always)]
+pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
+    wire::segment(frame, node)
+}

@@ -1,0 +1,40 @@
+//! No safety switch: it is always off.
+
+use crate::node::parameters::Parameters;
+
+/// Nothing.
+#[derive(Default)]
+pub struct Safety;
+
+impl Safety {
+    /// Nothing.
+    pub const fn new() -> Self {
+        Self
+    }
+
+    /// False.
+    pub fn is_safe(&self) -> bool {
+        false
+    }
+
+    /// Does nothing.
+    pub fn begin(&mut self) {}
+
+    /// Does nothing.
+    pub fn note_following(&mut self, _outputs: u8) {}
+
+    /// False.
+    pub fn ends_pulses(&self, _parameters: &Parameters) -> bool {
+        false
+    }
+
+    /// None.
+    pub fn end(&mut self) -> u8 {
+        0
+    }
+
+    /// False.
+    pub fn second(&mut self) -> bool {
+        false
+    }
+}

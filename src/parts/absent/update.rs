@@ -1,0 +1,65 @@
+//! No update over the bus: the bootloaders of the Arduinos listen to the serial port only.
+
+use crate::handover::REQUEST_LEN;
+use crate::node::information;
+use crate::node::parameters::Parameters;
+use crate::node::store::Eeprom;
+use crate::node::wire::Transfer;
+
+/// Time without a followed command before an update, in milliseconds.
+pub const STILL_MS: u16 = 2000;
+
+/// The response has no text.
+pub const TEXTS: &[&str] = &[""];
+
+/// False.
+pub const HAS_TEXTS: bool = false;
+
+/// The decision on a request.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Verdict {
+    /// The program has no updates over the bus.
+    NoLoader,
+}
+
+impl Verdict {
+    /// False.
+    pub fn is_accepted(_number: u8) -> bool {
+        false
+    }
+
+    /// The place and the length of the only text in the [`information`] in flash.
+    pub fn text(_number: u8) -> (u8, u8) {
+        const { information::text(0) }
+    }
+}
+
+/// Nothing.
+#[derive(Default)]
+pub struct Update;
+
+impl Update {
+    /// Nothing.
+    pub const fn new() -> Self {
+        Self
+    }
+
+    /// Does nothing.
+    pub fn start(&mut self, _has_loader: bool) {}
+
+    /// Rejects the request.
+    pub fn act_on_request(&mut self, _request: &Transfer, _is_in_use: bool) -> Verdict {
+        Verdict::NoLoader
+    }
+
+    /// `None`.
+    pub fn hand_over(
+        &self,
+        _node: u8,
+        _: &Parameters,
+        _: &mut impl Eeprom,
+    ) -> Option<&[u8; REQUEST_LEN]> {
+        None
+    }
+}

@@ -1,0 +1,53 @@
+//! If the vehicle is armed, by the ArmingStatus of the autopilot.
+
+use crate::node::parameters::{Parameter, Parameters};
+
+/// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot
+/// sends two a second.
+const TIMEOUT_S: u8 = 4;
+
+/// ArmingStatus.status: fully armed (DSDL uavcan/equipment/safety/1100.ArmingStatus.uavcan).
+const FULLY_ARMED: u8 = 255;
+
+/// The arming of the vehicle.
+pub struct Arming {
+    /// Seconds that the vehicle still counts as armed.
+    armed_s: u8,
+}
+
+impl Arming {
+    /// Disarmed.
+    pub const fn new() -> Self {
+        Self { armed_s: 0 }
+    }
+
+    /// Acts on the status of an ArmingStatus.
+    #[inline(always)]
+    pub fn act_on_status(&mut self, status: u8) {
+        self.armed_s = if status == FULLY_ARMED { TIMEOUT_S } else { 0 };
+    }
+
+    /// True if the last ArmingStatus said that the vehicle is armed.
+    #[inline(always)]
+    pub fn is_armed(&self) -> bool {
+        self.armed_s != 0
+    }
+
+    /// True if ARM_REQ requires an armed vehicle, and the vehicle is disarmed.
+    #[inline(never)]
+    pub fn is_disarmed(&self, parameters: &Parameters) -> bool {
+        self.armed_s == 0 && parameters.is_on(Parameter::ArmReq)
+    }
+
+    /// Counts down the timeout. Call once a second.
+    #[inline(always)]
+    pub fn second(&mut self) {
+        self.armed_s = self.armed_s.saturating_sub(1);
+    }
+}
+
+impl Default for Arming {
+    fn default() -> Self {
+        Self::new()
+    }
+}

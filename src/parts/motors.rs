@@ -1,0 +1,140 @@
+//! Outputs that are motors: they follow esc.RawCommand in place of ArrayCommand.
+
+use dronecan_wire::esc;
+
+use crate::node::parameters::{OutputParameter, Parameters};
+use crate::node::wire::{KEPT, Transfer};
+
+/// True if an output can be a motor.
+pub const ARE_THERE: bool = true;
+
+/// OUTn_TYPE: the output is a motor. 0 is a servo.
+const MOTOR: u8 = 1;
+
+/// Which outputs are motors, and the newest esc.RawCommand. It is unpacked when a motor follows it:
+/// a command for eight motors takes 1,000 cycles, and frames must not wait for that.
+pub struct Motors {
+    /// Bit n is output n.
+    motors: u8,
+    /// Motors whose newest command is in `payload`: bit n is output n.
+    kept: u8,
+    /// Node ID of its sender.
+    source: u8,
+    /// Its transfer ID.
+    transfer: u8,
+    payload: [u8; KEPT],
+    /// The number of commands in the last esc.RawCommand, and the motors for which it had one: most
+    /// have as many as the one before. 0 if the motors have changed.
+    commands: u8,
+    commanded: u8,
+}
+
+/// A command for a motor.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Throttle {
+    /// Node ID of the sender.
+    pub source: u8,
+    /// Transfer ID of the command.
+    pub transfer: u8,
+    /// -8192 to 8191.
+    pub value: i16,
+}
+
+impl Motors {
+    /// No output is a motor.
+    pub const fn new() -> Self {
+        Self {
+            motors: 0,
+            kept: 0,
+            source: 0,
+            transfer: 0,
+            payload: [0; KEPT],
+            commands: 0,
+            commanded: 0,
+        }
+    }
+
+    /// Applies OUTn_TYPE of an output. Returns true if it is a motor.
+    pub fn update(&mut self, output: usize, parameters: &Parameters) -> bool {
+        let is_motor = parameters.of(output, OutputParameter::Type) as u8 == MOTOR;
+        let bit = 1 << output;
+        self.motors = if is_motor { self.motors | bit } else { self.motors & !bit };
+        (self.commands, self.commanded) = (0, 0);
+        is_motor
+    }
+
+    /// True if the output is a motor.
+    #[inline(always)]
+    pub fn is_motor(&self, output: usize) -> bool {
+        self.motors & 1 << output != 0
+    }
+
+    /// True if an output in use is a motor.
+    #[inline(always)]
+    pub fn is_any(&self) -> bool {
+        self.motors != 0
+    }
+
+    /// The motors for which an esc.RawCommand of so many commands has one: bit n is output n.
+    /// `indices` has the ID of each output.
+    #[inline(always)]
+    pub fn commanded(&mut self, commands: u8, indices: impl Iterator<Item = u8>) -> u8 {
+        if commands != self.commands {
+            self.commands = commands;
+            self.count(indices);
+        }
+        self.commanded
+    }
+
+    #[inline(never)]
+    fn count(&mut self, indices: impl Iterator<Item = u8>) {
+        let (mut bit, mut commanded) = (1u8, 0);
+        for index in indices {
+            if index < self.commands {
+                commanded |= bit;
+            }
+            bit <<= 1;
+        }
+        self.commanded = commanded & self.motors;
+    }
+
+    /// Motors for which a command is kept: bit n is output n.
+    #[inline(always)]
+    pub fn kept(&self) -> u8 {
+        self.kept
+    }
+
+    /// Keeps an esc.RawCommand for these motors, a bit each, and for no other.
+    #[inline(always)]
+    pub fn keep(&mut self, command: &Transfer, motors: u8) {
+        self.kept = motors;
+        self.source = command.source;
+        self.transfer = command.transfer_id();
+        for (place, byte) in self.payload.iter_mut().zip(command.payload()) {
+            *place = *byte;
+        }
+    }
+
+    /// Takes the command that is kept for the motor with this bit, whose ID is `index`.
+    #[inline(always)]
+    pub fn take(&mut self, bit: u8, index: u8) -> Option<Throttle> {
+        if self.kept & bit == 0 {
+            return None;
+        }
+        self.kept &= !bit;
+        self.unpack(index)
+    }
+
+    /// The command that is kept for a motor with this ID.
+    #[inline(always)]
+    pub fn unpack(&self, index: u8) -> Option<Throttle> {
+        let value = esc::raw_command(&self.payload, index)?;
+        Some(Throttle { source: self.source, transfer: self.transfer, value })
+    }
+}
+
+impl Default for Motors {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,217 @@
+//! Commands: which outputs one is for, and how the outputs follow.
+
+use dronecan_wire::{Slot, esc};
+
+use super::travel::CommandType;
+use super::{Command, Followed, Outputs, Pulses, bit, place};
+use crate::hardware::OUTPUTS;
+use crate::monitor::{Event, Line};
+use crate::node::parameters::Parameters;
+use crate::node::wire::Transfer;
+use crate::parts::motors;
+
+impl Outputs {
+    /// True if no ArrayCommand came after the last followed command, not even one for other
+    /// actuators.
+    pub fn hears_nothing(&self) -> bool {
+        !self.hears_commands
+    }
+
+    /// Takes note of an ArrayCommand: keeps its entries for the outputs in use. Returns the line
+    /// for the reason of a refusal; [`Line::NONE`] if there is none.
+    #[inline(always)]
+    pub fn act_on_array_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
+        self.hears_commands = true;
+        if command.slots() == 0 {
+            return Line::NONE;
+        }
+        let line = self.blocked(parameters);
+        if line != Line::NONE {
+            return line;
+        }
+        let (mut refusal, mut bit) = (Line::NONE, 1);
+        let (slots, mut kept) = (command.slots(), 0);
+        let (entries, _) = command.bytes().as_chunks::<{ Slot::LEN as usize }>();
+        // The bit of an output is that of its slot, unless it has that of an output before it.
+        let mut left = slots | self.sharing;
+        for output in &mut self.each {
+            let slot = if OUTPUTS == 1 { Slot::new(0) } else { output.slot };
+            if left & 1 != 0 && slots & slot.bit != 0 {
+                let place = usize::from(slot.at / Slot::LEN) % entries.len();
+                let [_, number, low, high] = entries[place];
+                let value = u16::from_le_bytes([low, high]);
+                // An entry that cannot be followed must not replace one that can.
+                match CommandType::checked(number, value) {
+                    Ok(unit) => {
+                        output.entry = Command::of(command, unit, value);
+                        kept |= bit;
+                    }
+                    Err(line) => refusal = line,
+                }
+            }
+            left >>= 1;
+            if left == 0 {
+                break;
+            }
+            bit <<= 1;
+        }
+        self.keep(kept);
+        refusal
+    }
+
+    /// Takes note of an esc.RawCommand: keeps its commands for the outputs that are motors. Returns
+    /// the line for the reason of a refusal; [`Line::NONE`] if there is none.
+    #[inline(always)]
+    pub fn act_on_raw_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
+        let commands = esc::raw_commands(command.payload().len() as u8);
+        let found = self.motors.commanded(commands, self.each.iter().map(|output| output.id));
+        if found == 0 {
+            return Line::NONE;
+        }
+        let line = self.blocked_motor(parameters);
+        if line == Line::NONE {
+            let left_out = self.motors.kept() & !found;
+            if left_out != 0 {
+                self.unpack(left_out);
+            }
+            self.motors.keep(command, found);
+            self.keep(found);
+        }
+        line
+    }
+
+    /// Unpacks the commands that are kept for these motors, a bit each, because the next
+    /// esc.RawCommand has none for them.
+    #[inline(never)]
+    fn unpack(&mut self, motors: u8) {
+        let mut left = motors;
+        for output in &mut self.each {
+            if left & 1 != 0
+                && let Some(throttle) = self.motors.unpack(output.id)
+            {
+                output.entry = Command::from(throttle);
+            }
+            left >>= 1;
+        }
+    }
+
+    /// Takes note of the thesis's command, which is for the first output: 0 to 255 over the full
+    /// travel. Returns the line for the reason of a refusal; [`Line::NONE`] if there is none.
+    #[inline(always)]
+    pub fn act_on_servo_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
+        if self.motors.is_motor(0) {
+            return Line::RefusedType;
+        }
+        let line = self.blocked(parameters);
+        if line == Line::NONE {
+            let &[position, ..] = command.bytes();
+            self.each[0].entry = Command::of(command, CommandType::Byte, u16::from(position));
+            self.keep(1);
+        }
+        line
+    }
+
+    /// Has these outputs, a bit each, follow their entries: those of one command.
+    #[inline(always)]
+    fn keep(&mut self, outputs: u8) {
+        self.waiting |= outputs;
+        if OUTPUTS > 1 {
+            // The lowest bit.
+            self.firsts = self.firsts & !outputs | outputs & outputs.wrapping_neg();
+        }
+    }
+
+    /// The line for the reason to reject all commands; [`Line::NONE`] if there is none.
+    #[inline(always)]
+    fn blocked(&self, parameters: &Parameters) -> Line {
+        if self.arming.is_disarmed(parameters) {
+            Line::RefusedDisarmed
+        } else if self.safety.is_safe() {
+            Line::RefusedSafe
+        } else {
+            Line::NONE
+        }
+    }
+
+    /// The same for motors, which need an armed vehicle whatever ARM_REQ says.
+    #[inline(always)]
+    fn blocked_motor(&self, parameters: &Parameters) -> Line {
+        if self.arming.is_armed() { self.blocked(parameters) } else { Line::RefusedDisarmed }
+    }
+
+    /// True if an entry waits to be followed.
+    #[inline(always)]
+    pub fn has_entry(&self) -> bool {
+        self.waiting != 0
+    }
+
+    /// Follows the next entry that waits. After the last output of a round it has the board begin
+    /// the pulses in the same period. Fills in the event for the line to log.
+    #[inline(always)]
+    pub fn follow_next(
+        &mut self,
+        event: &mut Event,
+        now_ms: u16,
+        parameters: &Parameters,
+        board: &mut impl Pulses,
+    ) -> Followed {
+        let (output, bit) = self.next_waiting();
+        self.waiting &= !bit;
+        if let Some(throttle) = self.motors.take(bit, self.each[place(output)].id) {
+            self.each[place(output)].entry = Command::from(throttle);
+        }
+        let Command { source, transfer, unit, .. } = self.each[place(output)].entry;
+        event.set_source(source);
+        event.set_transfer(transfer);
+        event.set_code(self.each[place(output)].id);
+        let is_motor = motors::ARE_THERE && unit == CommandType::Throttle;
+        let mut line =
+            if is_motor { self.blocked_motor(parameters) } else { self.blocked(parameters) };
+        let mut commander = 0;
+        if line == Line::NONE {
+            let before = self.each[place(output)].pulse();
+            let (pulse, value) = self.each[place(output)].follow(now_ms);
+            board.set(output, pulse);
+            self.hears_commands = false;
+            self.failing &= !bit;
+            event.set_a(unit.logged(value));
+            event.set_b(pulse);
+            if OUTPUTS == 1 || self.firsts & bit != 0 {
+                commander = source;
+                line = unit.line();
+            }
+            // An equal command is logged once a second.
+            if pulse == before && self.logged & bit != 0 {
+                line = Line::NONE;
+            }
+            self.logged |= bit;
+        }
+        // No output after this one waits.
+        if self.waiting < bit {
+            board.commit();
+        }
+        Followed { line, commander }
+    }
+
+    /// The next output whose entry waits: from one output to the next, so that each has its turn
+    /// also if newer commands come meanwhile.
+    #[inline(always)]
+    fn next_waiting(&mut self) -> (usize, u8) {
+        if OUTPUTS == 1 {
+            return (0, 1);
+        }
+        let (mut output, mut bit) = (usize::from(self.next), bit(self.next.into()));
+        for _ in 0..OUTPUTS {
+            output += 1;
+            bit <<= 1;
+            if bit == 0 {
+                (output, bit) = (0, 1);
+            }
+            if self.waiting & bit != 0 {
+                break;
+            }
+        }
+        self.next = output as u8;
+        (output, bit)
+    }
+}

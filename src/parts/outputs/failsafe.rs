@@ -1,0 +1,148 @@
+//! Failsafe: what the outputs do when no command comes, and when a safety switch stops them.
+
+use super::{Outputs, bit, place};
+use crate::hardware::OUTPUTS;
+use crate::node::parameters::Parameters;
+
+impl Outputs {
+    /// Starts the failsafe of each output when it is due. Call once a millisecond: it looks at one
+    /// output. Returns true if a failsafe starts because no command was followed for OUTn_TIMEOUT.
+    #[inline(always)]
+    pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
+        let output = self.next_ticked();
+        if !self.each[place(output)].is_following() {
+            return false;
+        }
+        let is_motor = self.motors.is_motor(output);
+        let is_late = self.each[place(output)].is_late(output, is_motor, now_ms, parameters);
+        // A motor needs an armed vehicle, whatever ARM_REQ says.
+        let is_disarmed =
+            if is_motor { !self.arming.is_armed() } else { self.arming.is_disarmed(parameters) };
+        if is_late || is_disarmed {
+            self.fail_output(output, parameters);
+        }
+        if is_late {
+            self.failing |= bit(output);
+        }
+        is_late
+    }
+
+    /// The output to look at in this millisecond: one after the other.
+    #[inline(always)]
+    fn next_ticked(&mut self) -> usize {
+        if OUTPUTS == 1 {
+            return 0;
+        }
+        let output = place(self.ticked.into());
+        self.ticked = if output + 1 < self.used() { output as u8 + 1 } else { 0 };
+        output
+    }
+
+    /// Has each output do what OUTn_FS says, until the next command.
+    pub fn fail_safe(&mut self, parameters: &Parameters) {
+        for output in 0..OUTPUTS {
+            self.fail_output(output, parameters);
+        }
+    }
+
+    /// Has an output do what OUTn_FS says, and a motor stop, until the next command.
+    #[inline(always)]
+    fn fail_output(&mut self, output: usize, parameters: &Parameters) {
+        let is_motor = self.motors.is_motor(output);
+        self.each[place(output)].fail_safe(output, is_motor, parameters);
+        self.touch();
+    }
+
+    /// Counts down the timeouts of ArmingStatus and SafetyState. Call once a second.
+    #[inline(always)]
+    pub fn second(&mut self, now_ms: u16) {
+        self.logged = 0;
+        self.arming.second();
+        if self.safety.second() {
+            self.end_safe(now_ms);
+        }
+    }
+
+    /// True if no output is in failsafe.
+    pub fn has_recovered(&self) -> bool {
+        self.failing == 0
+    }
+
+    /// Outputs in failsafe: bit n is output n.
+    pub fn failing(&self) -> u8 {
+        self.failing
+    }
+
+    /// True if an output is in failsafe and several are in use. With one output, the status of the
+    /// node says so.
+    pub fn is_one_of_several_failing(&self) -> bool {
+        self.failing != 0 && self.used() != 1
+    }
+
+    /// The output whose failsafe has begun or ended since the last call, and true if it has begun.
+    /// `None` if there is none, or if one output is in use.
+    pub fn take_change(&mut self) -> Option<(usize, bool)> {
+        let changed = self.failing ^ self.reported;
+        if changed == 0 || self.used() == 1 {
+            return None;
+        }
+        let output = changed.trailing_zeros() as usize;
+        self.reported ^= bit(output);
+        Some((output, self.failing & bit(output) != 0))
+    }
+
+    /// The output of the next actuator.Status: the servos take turns. A motor has an index and no
+    /// actuator ID, so it has none.
+    #[inline(always)]
+    pub fn next_to_report(&mut self) -> Option<usize> {
+        if OUTPUTS == 1 {
+            return Some(0);
+        }
+        for _ in 0..self.used() {
+            let output = place(self.telemetry.into());
+            self.telemetry = if output + 1 < self.used() { output as u8 + 1 } else { 0 };
+            if !self.motors.is_motor(output) {
+                return Some(output);
+            }
+        }
+        None
+    }
+
+    /// True if an output followed a command less than `time_ms` ago.
+    pub fn has_followed_within(&self, time_ms: u16, now_ms: u16) -> bool {
+        self.each.iter().any(|output| output.has_followed_within(time_ms, now_ms))
+    }
+
+    /// Acts on a SafetyState. While it says safe, silence is expected, and the outputs do what
+    /// SAFE_MODE says.
+    pub fn act_on_safety_state(&mut self, status: u8, now_ms: u16, parameters: &Parameters) {
+        const SAFE: u8 = 0;
+        if status != SAFE {
+            if self.safety.is_safe() {
+                self.end_safe(now_ms);
+            }
+            return;
+        }
+        let was_safe = self.safety.is_safe();
+        self.safety.begin();
+        for (n, output) in self.each.iter_mut().enumerate() {
+            if !was_safe && (output.is_following() || self.failing & bit(n) != 0) {
+                self.safety.note_following(bit(n));
+            }
+            output.begin_safe(self.motors.is_motor(n), self.safety.ends_pulses(parameters));
+        }
+        // Commands are missing for a reason.
+        self.failing = 0;
+        self.touch();
+    }
+
+    /// From now on commands are expected again, if they were before.
+    fn end_safe(&mut self, now_ms: u16) {
+        let was_following = self.safety.end();
+        for (n, output) in self.each.iter_mut().enumerate() {
+            if was_following & bit(n) != 0 {
+                output.expect_command(now_ms);
+            }
+        }
+    }
+}

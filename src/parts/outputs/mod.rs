@@ -1,0 +1,305 @@
+//! The outputs: which commands they follow, and what they do when commands stop.
+//!
+//! A command is followed in two steps. [`Outputs::act_on_array_command`] and its like check a
+//! command when it is received, and keep the newest valid entry for each output, with its sender.
+//! [`Outputs::follow_next`] follows one of the entries, in a turn of its own: to compute a pulse
+//! takes up to 100 us, and frames must not wait for that. An entry that a newer one replaces first
+//! is superseded. What may have changed in between, such as arming, is checked again.
+//!
+//! Outputs are numbered from 0 in the program, and from 1 in the names of parameters. A build has
+//! one output or eight ([`OUTPUTS`]), and the code is the same.
+
+mod commands;
+mod failsafe;
+mod output;
+pub mod travel;
+
+use dronecan_wire::Slot;
+
+use crate::hardware::OUTPUTS;
+use crate::monitor::Line;
+use crate::node::parameters::{OutputParameter, Parameters};
+use crate::node::wire::Transfer;
+use crate::parts::arming::Arming;
+use crate::parts::motors::{Motors, Throttle};
+use crate::parts::safety::Safety;
+use output::Output;
+use travel::{CommandType, Ticks};
+
+/// The outputs of the board, which make the pulses.
+pub trait Pulses {
+    /// Sets the width of an output's pulse from the next period on; 0 ends the pulses. Does not cut
+    /// a pulse that has begun, so the pulses end at the first call between two pulses.
+    fn set(&mut self, output: usize, width: Ticks);
+
+    /// Ends a group of calls of [`set`](Self::set), whose pulses begin in the same period.
+    #[inline(always)]
+    fn commit(&mut self) {}
+}
+
+/// A command for one output, which waits to be followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Command {
+    /// Node ID of the sender.
+    pub source: u8,
+    /// Transfer ID of the command.
+    pub transfer: u8,
+    /// The unit of the value.
+    pub unit: CommandType,
+    /// The value: a float16, or the number of a [`CommandType::Byte`] or [`CommandType::Throttle`].
+    pub value: u16,
+}
+
+impl Command {
+    #[inline(always)]
+    fn of(command: &Transfer, unit: CommandType, value: u16) -> Self {
+        Self { source: command.source, transfer: command.transfer_id(), unit, value }
+    }
+}
+
+impl From<Throttle> for Command {
+    #[inline(always)]
+    fn from(throttle: Throttle) -> Self {
+        let Throttle { source, transfer, value } = throttle;
+        Self { source, transfer, unit: CommandType::Throttle, value: value as u16 }
+    }
+}
+
+/// What a turn has followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Followed {
+    /// The line to log, which is a refusal if the entry is not followed; [`Line::NONE`] if there is
+    /// nothing to log.
+    pub line: Line,
+    /// The sender of the command, if this is the first of its entries that is followed.
+    pub commander: u8,
+}
+
+/// For a quick search, outputs are listed by the lower four bits of their ID. A single output is
+/// compared directly.
+const LISTED: usize = if OUTPUTS > 1 { 16 } else { 0 };
+
+/// The slot of an output that follows no ArrayCommand.
+const NO_SLOT: Slot = Slot { at: 0, bit: 0 };
+
+/// The outputs.
+pub struct Outputs {
+    each: [Output; OUTPUTS],
+    /// OUT_COUNT at the start.
+    used: u8,
+    /// Outputs whose entry waits to be followed: bit n is output n.
+    waiting: u8,
+    /// Outputs whose entry is the first of its command: bit n is output n. A command is counted and
+    /// logged with this one.
+    firsts: u8,
+    /// Outputs whose last followed command was logged in this second: bit n is output n.
+    logged: u8,
+    /// The output to look at next for an entry that waits.
+    next: u8,
+    /// Outputs in failsafe: bit n is output n.
+    failing: u8,
+    /// `failing` when it was reported last.
+    reported: u8,
+    /// The output of the next actuator.Status.
+    telemetry: u8,
+    /// The output whose parameters are applied next.
+    updated: u8,
+    /// The output whose commands and failsafe are looked at next.
+    ticked: u8,
+    /// Outputs with the slot of an output before them: bit n is output n.
+    sharing: u8,
+    /// A pulse changed without a command.
+    is_stale: bool,
+    /// True if an ArrayCommand came after the last followed command.
+    hears_commands: bool,
+    /// For each value of the lower four bits of an ID, an output with such an ID, from 1. 0 if
+    /// there is none.
+    listed: [u8; LISTED],
+    /// Which outputs are motors.
+    pub motors: Motors,
+    /// If the vehicle is armed.
+    pub arming: Arming,
+    /// If the safety switch is on.
+    pub safety: Safety,
+}
+
+impl Outputs {
+    /// Outputs that give no pulse yet.
+    pub const fn new() -> Self {
+        Self {
+            each: [Output::NONE; OUTPUTS],
+            used: 0,
+            waiting: 0,
+            firsts: 0,
+            logged: 0,
+            next: 0,
+            failing: 0,
+            reported: 0,
+            telemetry: 0,
+            updated: 0,
+            ticked: 0,
+            sharing: 0,
+            is_stale: false,
+            hears_commands: false,
+            listed: [0; LISTED],
+            motors: Motors::new(),
+            arming: Arming::new(),
+            safety: Safety::new(),
+        }
+    }
+
+    /// Uses the first outputs, as many as OUT_COUNT says.
+    pub fn start(&mut self, parameters: &Parameters) {
+        self.used = parameters.outputs();
+    }
+
+    /// The number of outputs in use.
+    #[inline(always)]
+    pub fn used(&self) -> usize {
+        if OUTPUTS == 1 { 1 } else { usize::from(self.used).min(OUTPUTS) }
+    }
+
+    /// Applies the parameters of all outputs, also to the pulses.
+    pub fn update(&mut self, parameters: &Parameters) {
+        self.begin_update();
+        while !self.update_next(parameters) {}
+    }
+
+    /// Begins to apply the parameters: those of the first output are next.
+    #[inline(always)]
+    pub fn begin_update(&mut self) {
+        if OUTPUTS > 1 {
+            self.updated = 0;
+        }
+    }
+
+    /// Applies the parameters of the next output. Returns true if it is the last. An output takes
+    /// up to 60 us, so each has a turn of its own.
+    #[inline(never)]
+    pub fn update_next(&mut self, parameters: &Parameters) -> bool {
+        if OUTPUTS > 1 && self.updated == 0 {
+            self.listed = [0; LISTED];
+            self.sharing = 0;
+        }
+        let n = if OUTPUTS == 1 { 0 } else { place(self.updated.into()) };
+        self.update_output(n, parameters);
+        if OUTPUTS > 1 {
+            self.updated = n as u8 + 1;
+        }
+        self.touch();
+        n + 1 == self.used()
+    }
+
+    #[inline(always)]
+    fn update_output(&mut self, n: usize, parameters: &Parameters) {
+        let id = parameters.of(n, OutputParameter::Id) as u8;
+        let output = &mut self.each[place(n)];
+        output.update(n, parameters);
+        // The entry that waits is for the old ID.
+        if output.id != id {
+            self.waiting &= !bit(n);
+        }
+        output.id = id;
+        if self.motors.update(n, parameters) {
+            output.slot = NO_SLOT;
+        } else if OUTPUTS > 1 {
+            // Outputs with the same ID have the same slot.
+            let own = Slot::new(n as u8);
+            let slot = self.search(id, n).unwrap_or(own);
+            if slot != own {
+                self.sharing |= own.bit;
+            }
+            self.each[place(n)].slot = slot;
+            if let Some(listed) = self.listed.get_mut(usize::from(id % 16)) {
+                *listed = n as u8 + 1;
+            }
+        }
+    }
+
+    /// The slot in which the receiver keeps an entry with this ID. It is looked up in 20 cycles,
+    /// unless IDs differ by 16.
+    #[inline(always)]
+    pub fn slot_of(&self, id: u8) -> Option<Slot> {
+        if OUTPUTS == 1 {
+            return (self.each[0].id == id).then_some(Slot::new(0));
+        }
+        let listed = self.listed.get(usize::from(id % 16))?;
+        let output = &self.each[place(listed.checked_sub(1)?.into())];
+        if output.id == id { Some(output.slot) } else { self.search(id, self.used()) }
+    }
+
+    /// The slot of the first of `count` outputs that has this ID.
+    #[inline(never)]
+    fn search(&self, id: u8, count: usize) -> Option<Slot> {
+        let mut outputs = self.each.iter().take(count);
+        let found = outputs.find(|output| output.id == id && output.slot != NO_SLOT)?;
+        Some(found.slot)
+    }
+
+    /// Width of an output's pulse; 0 for none.
+    pub fn pulse(&self, output: usize) -> Ticks {
+        self.each[place(output)].pulse()
+    }
+
+    /// The position that an output's pulse asks for, in radians as a float16; NaN without a pulse.
+    #[inline(always)]
+    pub fn position(&self, output: usize) -> u16 {
+        self.each[place(output)].position()
+    }
+
+    /// Gives the pulses to the outputs of the board.
+    #[inline(always)]
+    pub fn show(&mut self, board: &mut impl Pulses) {
+        // A single output ends its pulses only between two of them, so it gets its width again
+        // until it does.
+        if OUTPUTS > 1 && !core::mem::take(&mut self.is_stale) && self.used() != 1 {
+            return;
+        }
+        for output in 0..self.used() {
+            board.set(output, self.each[place(output)].pulse());
+        }
+        board.commit();
+    }
+
+    /// A pulse changed without a command. (The board gets that of a single output in any case.)
+    #[inline(always)]
+    fn touch(&mut self) {
+        if OUTPUTS > 1 {
+            self.is_stale = true;
+        }
+    }
+}
+
+/// The bit of an output in a set of outputs. The AVR shifts by one place at a time, so this takes
+/// half as long as a shift by a variable.
+#[inline(always)]
+const fn bit(output: usize) -> u8 {
+    let mut bit = 1u8;
+    if output & 1 != 0 {
+        bit <<= 1;
+    }
+    if output & 2 != 0 {
+        bit <<= 2;
+    }
+    if output & 4 != 0 {
+        bit = bit.rotate_left(4);
+    }
+    bit
+}
+
+/// The place of an output in a table. Outputs beyond the last do not occur, and the compiler cannot
+/// know that.
+#[inline(always)]
+#[allow(clippy::modulo_one, reason = "a build may have one output")]
+fn place(output: usize) -> usize {
+    output % OUTPUTS
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+#[cfg(all(test, feature = "monitor", not(feature = "draft")))]
+mod tests;

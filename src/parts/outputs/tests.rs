@@ -1,0 +1,270 @@
+use super::*;
+use crate::desk::Servos;
+use crate::golden;
+use crate::monitor::Event;
+use crate::node::parameters::{OutputParameter, Parameter};
+use crate::node::wire::{Receiver, Transfer, segment};
+use dronecan_wire::Verdict;
+
+/// The outputs, their servos, and the parameters.
+struct Rig {
+    outputs: Outputs,
+    servos: Servos,
+    parameters: Parameters,
+    now_ms: u16,
+}
+
+impl Rig {
+    fn new(values: &[(Parameter, i32)]) -> Self {
+        let parameters = golden::parameters(values);
+        let mut outputs = Outputs::new();
+        outputs.start(&parameters);
+        outputs.update(&parameters);
+        Self { outputs, servos: Servos([0; OUTPUTS]), parameters, now_ms: 0 }
+    }
+
+    /// Gives the outputs a message in one frame, and follows what waits then. Returns the line for
+    /// the last result, with its values.
+    fn message(
+        &mut self,
+        id: u32,
+        payload: &[u8],
+        act: impl Fn(&mut Outputs, &Transfer, &Parameters) -> Line,
+    ) -> (Line, Event) {
+        let frame = golden::frame(id, &[payload, &[0xC0]].concat());
+        let mut receiver = Receiver::new();
+        let segment = segment(&frame, 120).unwrap();
+        let slot_of = |id| self.outputs.slot_of(id);
+        let Verdict::Message(command) = receiver.accept_entries(segment, slot_of, 0) else {
+            panic!()
+        };
+        let command = *command;
+        let mut line = act(&mut self.outputs, &command, &self.parameters);
+        let mut event = Event::new(Line::Running);
+        while self.outputs.has_entry() {
+            let (parameters, servos) = (&self.parameters, &mut self.servos);
+            line = self.outputs.follow_next(&mut event, self.now_ms, parameters, servos).line;
+        }
+        (line, event)
+    }
+
+    /// The same for an ArrayCommand.
+    fn command(&mut self, payload: &[u8]) -> (Line, Event) {
+        self.message(0x1003_F20A, payload, Outputs::act_on_array_command)
+    }
+
+    fn pwm(&mut self, width: f32) -> Line {
+        let [low, high] = half::f16::from_f32(width).to_le_bytes();
+        self.command(&[1, 4, low, high]).0
+    }
+
+    /// Runs for `ms` milliseconds. Returns how many had passed when the failsafe began.
+    fn run(&mut self, ms: u16) -> Option<u16> {
+        let mut began = None;
+        for n in 1..=ms {
+            self.now_ms = self.now_ms.wrapping_add(1);
+            if self.outputs.tick(self.now_ms, &self.parameters) {
+                assert_eq!(began.replace(n), None, "once");
+            }
+        }
+        began
+    }
+}
+
+#[test]
+fn a_command_sets_the_pulse_of_node_and_servo_and_is_logged() {
+    for (payload, line, a, pulse) in [
+        ([1, 0, 0x00, 0x38], Line::CommandUnitless, 500, 3500),
+        ([1, 0, 0x00, 0xBC], Line::CommandUnitless, -1000i16 as u16, 2000),
+        // A quarter of a radian.
+        ([1, 1, 0x00, 0x34], Line::CommandPosition, 250, 3318),
+        ([1, 4, 0x08, 0x67], Line::CommandPwm, 1800, 3600),
+    ] {
+        let mut rig = Rig::new(&[]);
+        let (logged, event) = rig.command(&payload);
+        assert_eq!((logged, event.a, event.b), (line, a, pulse), "{payload:02X?}");
+        assert_eq!((rig.outputs.pulse(0), rig.servos.0[0]), (pulse, pulse), "{payload:02X?}");
+        assert!(rig.outputs.each[0].is_following() && rig.outputs.hears_nothing());
+    }
+}
+
+#[test]
+fn commands_that_are_rejected_or_for_others_change_no_pulse() {
+    let mut rig = Rig::new(&[]);
+    rig.pwm(1700.0);
+    rig.servos.0[0] = 0;
+    for (payload, line) in [
+        (&[1, 2, 0, 0x3C][..], Line::RefusedType),
+        (&[1, 5, 0, 0x3C], Line::RefusedType),
+        (&[1, 0, 0xFF, 0x7F], Line::RefusedValue),
+        (&[1, 4, 0, 0], Line::RefusedValue),
+        (&[2, 0, 0, 0x38], Line::NONE),
+        (&[], Line::NONE),
+    ] {
+        assert_eq!(rig.command(payload).0, line, "{payload:02X?}");
+        assert_eq!((rig.outputs.pulse(0), rig.servos.0[0]), (3400, 0), "{payload:02X?}");
+        assert!(!rig.outputs.hears_nothing(), "{payload:02X?}");
+    }
+}
+
+#[test]
+fn the_thesis_command_goes_over_the_travel() {
+    let mut rig = Rig::new(&[]);
+    for (byte, pulse) in [(0, 2000), (255, 4000), (51, 2400)] {
+        let act = Outputs::act_on_servo_command;
+        let (line, event) = rig.message(0x1004_570A, &[byte], act);
+        assert_eq!((line, event.b, rig.servos.0[0]), (Line::CommandThesis, pulse, pulse));
+    }
+}
+
+#[test]
+fn the_failsafe_begins_after_the_timeout_once_and_goes_where_out1_fs_says() {
+    for (failsafe, pulse) in [(0, 3600), (1, 2800), (2, 2200), (3, 0)] {
+        for timeout_ms in [1, 250, 10_000] {
+            let mut rig = Rig::new(&[
+                (OutputParameter::Fs.of(0), failsafe),
+                (OutputParameter::Timeout.of(0), timeout_ms),
+                (OutputParameter::Trim.of(0), 1400),
+                (OutputParameter::FsPwm.of(0), 1100),
+            ]);
+            rig.now_ms = 65_000;
+            assert_eq!(rig.run(20_000), None, "before the first command");
+            rig.pwm(1800.0);
+            assert_eq!(rig.run(30_000), Some(timeout_ms as u16), "{failsafe}");
+            assert_eq!(
+                (rig.outputs.pulse(0), rig.outputs.each[0].is_following()),
+                (pulse, false),
+                "{failsafe}"
+            );
+            rig.pwm(1700.0);
+            assert_eq!(
+                (rig.outputs.pulse(0), rig.outputs.each[0].is_following()),
+                (3400, true),
+                "commands again"
+            );
+        }
+    }
+}
+
+#[test]
+fn with_a_timeout_of_0_there_is_no_failsafe() {
+    let mut rig = Rig::new(&[(OutputParameter::Timeout.of(0), 0), (OutputParameter::Fs.of(0), 3)]);
+    rig.pwm(1800.0);
+    for _ in 0..4 {
+        assert_eq!(rig.run(50_000), None);
+    }
+    assert_eq!(rig.outputs.pulse(0), 3600);
+}
+
+#[test]
+fn the_position_is_unknown_without_a_pulse_and_else_that_of_the_command() {
+    let mut rig = Rig::new(&[]);
+    assert!(half::f16::from_bits(rig.outputs.position(0)).is_nan());
+    rig.pwm(2000.0);
+    let position = half::f16::from_bits(rig.outputs.position(0)).to_f64();
+    assert!((position - std::f64::consts::FRAC_PI_4).abs() < 0.001, "{position}");
+}
+
+#[cfg(feature = "standard")]
+#[test]
+fn arming_times_out_at_the_fourth_second() {
+    let mut rig = Rig::new(&[(Parameter::ArmReq, 1), (OutputParameter::Fs.of(0), 3)]);
+    assert_eq!((rig.pwm(1800.0), rig.servos.0[0]), (Line::RefusedDisarmed, 0));
+    for status in [0, 1, 254] {
+        rig.outputs.arming.act_on_status(255);
+        assert!(!rig.outputs.arming.is_disarmed(&rig.parameters));
+        rig.outputs.arming.act_on_status(status);
+        assert!(rig.outputs.arming.is_disarmed(&rig.parameters), "{status}");
+    }
+    rig.outputs.arming.act_on_status(255);
+    assert_eq!(rig.pwm(1800.0), Line::CommandPwm);
+    for second in 1..=4 {
+        assert_eq!(rig.outputs.pulse(0), 3600, "{second}");
+        rig.outputs.second(rig.now_ms);
+        assert_eq!(rig.run(1), None, "disarmed is no failsafe");
+    }
+    assert_eq!((rig.outputs.pulse(0), rig.outputs.each[0].is_following()), (0, false));
+}
+
+#[cfg(feature = "standard")]
+#[test]
+fn where_arming_is_not_required_nobody_is_disarmed() {
+    assert!(!Rig::new(&[]).outputs.arming.is_disarmed(&golden::parameters(&[])));
+}
+
+#[cfg(feature = "safety")]
+mod safety {
+    use super::*;
+
+    const SAFE: u8 = 0;
+    const ARMED: u8 = 255;
+
+    impl Rig {
+        fn tell(&mut self, status: u8) {
+            self.outputs.act_on_safety_state(status, self.now_ms, &self.parameters);
+        }
+    }
+
+    #[test]
+    fn while_safe_there_is_no_pulse_or_the_last_one_and_silence_is_no_failsafe() {
+        for (safe_mode, pulse) in [(0, 3600), (1, 0)] {
+            let mut rig = Rig::new(&[
+                (Parameter::SafeMode, safe_mode),
+                (OutputParameter::Timeout.of(0), 100),
+            ]);
+            rig.pwm(1800.0);
+            assert!(!rig.outputs.safety.is_safe());
+            rig.tell(SAFE);
+            assert!(rig.outputs.safety.is_safe());
+            assert_eq!((rig.run(1000), rig.outputs.pulse(0)), (None, pulse));
+            assert_eq!(rig.pwm(1200.0), Line::RefusedSafe);
+            assert_eq!(rig.outputs.pulse(0), pulse);
+        }
+    }
+
+    #[test]
+    fn once_armed_commands_are_followed_and_missed_if_they_were_before() {
+        for (was_commanded, is_failsafe, begins) in
+            [(true, false, Some(100)), (true, true, Some(100)), (false, false, None)]
+        {
+            let mut rig = Rig::new(&[(OutputParameter::Timeout.of(0), 100)]);
+            if was_commanded {
+                rig.pwm(1800.0);
+            }
+            if is_failsafe {
+                assert_eq!(rig.run(200), Some(100));
+            }
+            // The second one changes nothing.
+            rig.tell(SAFE);
+            rig.tell(SAFE);
+            rig.run(500);
+            rig.tell(ARMED);
+            assert!(!rig.outputs.safety.is_safe());
+            assert_eq!(rig.run(300), begins, "{was_commanded} {is_failsafe}");
+            assert_eq!(rig.pwm(1200.0), Line::CommandPwm);
+        }
+    }
+
+    #[test]
+    fn a_safety_state_of_armed_restarts_no_failsafe_where_none_was_safe() {
+        let mut rig = Rig::new(&[(OutputParameter::Timeout.of(0), 100)]);
+        rig.pwm(1800.0);
+        rig.run(60);
+        rig.tell(ARMED);
+        assert_eq!(rig.run(100), Some(40), "armed all the time");
+    }
+
+    #[test]
+    fn safe_ends_in_the_fourth_second_without_a_safety_state() {
+        let mut rig = Rig::new(&[(OutputParameter::Timeout.of(0), 100)]);
+        rig.pwm(1800.0);
+        rig.tell(SAFE);
+        for second in 1..=4 {
+            assert!(rig.outputs.safety.is_safe(), "{second}");
+            assert_eq!(rig.run(1000), None, "silence is expected");
+            rig.outputs.second(rig.now_ms);
+        }
+        assert!(!rig.outputs.safety.is_safe());
+        assert_eq!(rig.run(200), Some(100), "commands are missed again");
+    }
+}

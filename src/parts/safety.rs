@@ -1,0 +1,66 @@
+//! The safety switch, by the SafetyState of the autopilot: while it is on, no command is followed.
+
+use crate::node::parameters::{Parameter, Parameters};
+
+/// The safety switch counts as on for this time after a SafetyState that says so, in seconds.
+/// ArduPilot sends two a second.
+const TIMEOUT_S: u8 = 4;
+
+/// The safety switch.
+pub struct Safety {
+    /// Seconds that it still counts as on.
+    safe_s: u8,
+    /// Outputs that followed commands, or missed them, when it was put on: bit n is output n.
+    was_following: u8,
+}
+
+impl Safety {
+    /// Off.
+    pub const fn new() -> Self {
+        Self { safe_s: 0, was_following: 0 }
+    }
+
+    /// True while the safety switch is on.
+    #[inline(always)]
+    pub fn is_safe(&self) -> bool {
+        self.safe_s != 0
+    }
+
+    /// A SafetyState says that it is on.
+    pub fn begin(&mut self) {
+        self.safe_s = TIMEOUT_S;
+    }
+
+    /// These outputs, a bit each, will expect commands again once it is off.
+    pub fn note_following(&mut self, outputs: u8) {
+        self.was_following |= outputs;
+    }
+
+    /// True if SAFE_MODE ends the pulses while it is on.
+    pub fn ends_pulses(&self, parameters: &Parameters) -> bool {
+        parameters.is_on(Parameter::SafeMode)
+    }
+
+    /// A SafetyState says that it is off, or none came in time. Returns the outputs that expect
+    /// commands again, a bit each.
+    pub fn end(&mut self) -> u8 {
+        self.safe_s = 0;
+        core::mem::take(&mut self.was_following)
+    }
+
+    /// Counts down the timeout. Returns true if it ends. Call once a second.
+    #[inline(always)]
+    pub fn second(&mut self) -> bool {
+        if self.safe_s == 0 {
+            return false;
+        }
+        self.safe_s -= 1;
+        self.safe_s == 0
+    }
+}
+
+impl Default for Safety {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,153 @@
+//! Requests of BeginFirmwareUpdate: which ones are accepted, and what the bootloader is told.
+//! docs/update.md describes the hand-over.
+//!
+//! The node accepts a request only if the vehicle cannot be flying: it is not armed, and no command
+//! was followed for two seconds. It answers, and some time later hands the request over to the
+//! bootloader, which reads the file.
+
+use dronecan_wire::crc;
+
+use crate::handover::{BUS, CRC_START, PATH_LEN, REQUEST_LEN};
+use crate::node::parameters::{Parameter, Parameters};
+use crate::node::store::{Address, Eeprom};
+use crate::node::wire::Transfer;
+use crate::node::{bit_rate, information};
+
+/// Time without a followed command before an update, in milliseconds.
+pub const STILL_MS: u16 = 2000;
+
+/// True: a response says why a request is refused.
+pub const HAS_TEXTS: bool = true;
+
+/// The texts of the responses, in the order of [`Verdict`].
+pub const TEXTS: &[&str] = &[
+    "update over USB serial",
+    "",
+    "armed, or a command in the last 2 s",
+    "path longer than 24 characters",
+];
+
+/// The decision on a request. Its number is that of its text.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Verdict {
+    /// The board has another bootloader.
+    NoLoader,
+    /// The node will update itself.
+    Accepted,
+    /// The vehicle is armed, or the servo follows commands.
+    InUse,
+    /// The request to the bootloader has no room for the path.
+    PathTooLong,
+}
+
+impl Verdict {
+    /// True if a verdict with this number restarts the node.
+    pub fn is_accepted(number: u8) -> bool {
+        number == Self::Accepted as u8
+    }
+
+    /// The place and the length of the text for a verdict with this number in the
+    /// [`information`] in flash.
+    pub fn text(number: u8) -> (u8, u8) {
+        match number {
+            1 => const { information::text(Self::Accepted as usize) },
+            2 => const { information::text(Self::InUse as usize) },
+            3 => const { information::text(Self::PathTooLong as usize) },
+            _ => const { information::text(Self::NoLoader as usize) },
+        }
+    }
+}
+
+/// What the node knows of updates.
+pub struct Update {
+    /// True if the bootloader takes updates over the bus.
+    has_loader: bool,
+    /// The accepted request, as the bootloader takes it. Its CRC is wrong if there is none.
+    request: [u8; REQUEST_LEN],
+}
+
+impl Update {
+    /// No request.
+    pub const fn new() -> Self {
+        Self { has_loader: false, request: [0; REQUEST_LEN] }
+    }
+
+    /// Notes if the bootloader takes updates over the bus.
+    pub fn start(&mut self, has_loader: bool) {
+        self.has_loader = has_loader;
+    }
+
+    /// Decides on a request, and keeps it if it is accepted. `is_in_use`: the vehicle is armed, or
+    /// an output followed a command within [`STILL_MS`].
+    #[inline(always)]
+    pub fn act_on_request(&mut self, request: &Transfer, is_in_use: bool) -> Verdict {
+        if !self.has_loader {
+            return Verdict::NoLoader;
+        }
+        if is_in_use {
+            return Verdict::InUse;
+        }
+        let path_len = request.len().wrapping_sub(1);
+        if usize::from(path_len) > PATH_LEN {
+            return Verdict::PathTooLong;
+        }
+        let &[server, ref path @ ..] = request.bytes();
+        let record = &mut self.request;
+        for (to, from) in record.iter_mut().zip(path).take(PATH_LEN) {
+            *to = *from;
+        }
+        record[PATH_LEN] = path_len;
+        // 0 is the sender itself.
+        record[PATH_LEN + 1] = if server == 0 { request.source } else { server };
+        let mut crc = CRC_START;
+        for byte in record.iter_mut().take(REQUEST_LEN - 2) {
+            crc = crc::add(crc, *byte);
+        }
+        [record[REQUEST_LEN - 2], record[REQUEST_LEN - 1]] = crc.to_be_bytes();
+        Verdict::Accepted
+    }
+
+    /// Returns the accepted request, if there is one, and leaves node ID and bit rate in EEPROM for
+    /// the bootloader. Takes up to 30 ms. The program must end then.
+    pub fn hand_over(
+        &self,
+        node: u8,
+        parameters: &Parameters,
+        eeprom: &mut impl Eeprom,
+    ) -> Option<&[u8; REQUEST_LEN]> {
+        if self.request[PATH_LEN + 1] == 0 {
+            return None;
+        }
+        let timing = bit_rate::timing(parameters.get(Parameter::CanBaudrate) as u8);
+        let mut record = [node, timing.cnf3(), timing.cnf2(), timing.cnf1(), 0, 0];
+        let mut crc = CRC_START;
+        for byte in record.iter().take(4) {
+            crc = crc::add(crc, *byte);
+        }
+        [record[4], record[5]] = crc.to_be_bytes();
+        for (at, byte) in (BUS as Address..).zip(record) {
+            wait(eeprom);
+            if eeprom.read(at) != byte {
+                eeprom.begin_write(at, byte);
+            }
+        }
+        wait(eeprom);
+        Some(&self.request)
+    }
+}
+
+impl Default for Update {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Waits until a write to the EEPROM has ended. The limit is many times the 3.4 ms that a write
+/// takes, and ends the loop if the EEPROM stays busy.
+fn wait(eeprom: &impl Eeprom) {
+    let mut turns = u16::MAX;
+    while eeprom.is_busy() && turns != 0 {
+        turns -= 1;
+    }
+}
