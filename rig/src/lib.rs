@@ -99,12 +99,6 @@ pub fn has_preset_remote() -> bool {
     elf().file_stem().is_some_and(|name| name.to_string_lossy().ends_with("-remote"))
 }
 
-/// True if the node accepts both dialects. Its filters then let more frames for other nodes
-/// through.
-pub fn takes_both_dialects() -> bool {
-    has_all_features()
-}
-
 /// EEPROM of a board that has started before, and so has a unique ID.
 pub fn started() -> &'static [u8] {
     started_with(&elf())

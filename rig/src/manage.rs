@@ -1,6 +1,6 @@
 //! The rig as a management tool: sends requests to the node and reads its answers.
 
-use super::{MS, NODE, Rig, board, parse_frames, takes_both_dialects};
+use super::{MS, NODE, Rig, board, has_all_features, parse_frames};
 use bench::Cycles;
 use bench::can::{Frame, Id};
 use bench::dronecan::{
@@ -8,22 +8,11 @@ use bench::dronecan::{
     TransferId, Value, frames,
 };
 
-/// The parameters of the default preset without CAN_BAUDRATE, in order: name, default, minimum and
-/// maximum (docs/parameters.md).
-const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
+/// The parameters of the default preset before those of the output, without CAN_BAUDRATE, in order:
+/// name, default, minimum and maximum (docs/parameters.md).
+const OF_DEFAULT: [(&str, i64, i64, i64); 15] = [
     ("CAN_NODE", 120, 0, 125),
-    ("OUT1_ID", 1, 0, 255),
-    ("OUT1_MIN", 1000, 500, 2500),
-    ("OUT1_TRIM", 1500, 500, 2500),
-    ("OUT1_MAX", 2000, 500, 2500),
-    ("OUT1_REVERSED", 0, 0, 1),
     ("OUT_RATE", 50, 50, 333),
-    ("OUT1_RANGE", 90, 10, 360),
-    ("OUT1_TIMEOUT", 1000, 0, 10_000),
-    ("OUT1_FS", 0, 0, 3),
-    ("OUT1_FS_PWM", 1500, 500, 2500),
-    ("ARM_REQ", 0, 0, 1),
-    ("TELEM_RATE", 10, 0, 50),
     ("TEMP_RATE", 1, 0, 50),
     ("TEMP_ID", 1, 0, 65_535),
     ("TEMP_SENSOR", 1, 0, 2),
@@ -35,15 +24,15 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 24] = [
     ("WARN_MASK", 0x1BF7, 0, 65_535),
     ("ERROR_MASK", 0x0400, 0, 65_535),
     ("CRIT_MASK", 0x2000, 0, 65_535),
+    ("ARM_REQ", 0, 0, 1),
+    ("TELEM_RATE", 10, 0, 50),
 ];
-/// The parameters that follow in the preset "full".
-const OF_FULL: [(&str, i64, i64, i64); 16] = [
+/// The parameters that follow in the preset "full", before those of the outputs.
+const OF_FULL: [(&str, i64, i64, i64); 14] = [
     ("LIGHT_ID", 0, 0, 255),
     ("STATS_RATE", 0, 0, 10),
-    ("DIALECT", 0, 0, 2),
     ("SAFE_MODE", 1, 0, 1),
     ("OUT_COUNT", 1, 1, 8),
-    ("OUT1_TYPE", 0, 0, 1),
     ("PWR_RATE", 0, 0, 50),
     ("PWR1_ID", 1, 0, 65_535),
     ("PWR1_VOLT_MULT", 1000, 100, 65_535),
@@ -56,22 +45,23 @@ const OF_FULL: [(&str, i64, i64, i64); 16] = [
     ("PWR1_OUT", 0, 0, 8),
 ];
 
-/// The parameters that then follow for each output from the second to the eighth.
-fn of_output(output: i64) -> [(&'static str, i64, i64, i64); 10] {
+/// The parameters of an output, whose pulses are at most `longest_us` long. OUTn_TYPE is that of
+/// the preset "full".
+fn of_output(output: i64, longest_us: i64) -> [(&'static str, i64, i64, i64); 10] {
     let parameter = |name: &str, default, least, greatest| {
         let name: &str = format!("OUT{output}_{name}").leak();
         (name, default, least, greatest)
     };
     [
         parameter("ID", output, 0, 255),
-        parameter("MIN", 1000, 500, 2400),
-        parameter("TRIM", 1500, 500, 2400),
-        parameter("MAX", 2000, 500, 2400),
+        parameter("MIN", 1000, 500, longest_us),
+        parameter("TRIM", 1500, 500, longest_us),
+        parameter("MAX", 2000, 500, longest_us),
         parameter("REVERSED", 0, 0, 1),
         parameter("RANGE", 90, 10, 360),
         parameter("TIMEOUT", 1000, 0, 10_000),
         parameter("FS", 0, 0, 3),
-        parameter("FS_PWM", 1500, 500, 2400),
+        parameter("FS_PWM", 1500, 500, longest_us),
         parameter("TYPE", 0, 0, 1),
     ]
 }
@@ -81,9 +71,11 @@ pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {
     let highest = board().fastest_bit_rate().into();
     let mut all = OF_DEFAULT.to_vec();
     all.insert(1, ("CAN_BAUDRATE", highest, 125_000, highest));
-    if takes_both_dialects() {
+    if has_all_features() {
         all.extend(OF_FULL);
-        all.extend((2..=8).flat_map(of_output));
+        all.extend((1..=8).flat_map(|output| of_output(output, 2400)));
+    } else {
+        all.extend(&of_output(1, 2500)[..9]);
     }
     all
 }
@@ -98,14 +90,6 @@ pub const ANSWER_TIMEOUT_MS: u64 = 50;
 pub const SAVE_TIMEOUT_MS: u64 = 1000;
 
 impl Rig {
-    /// Sets DIALECT so that the node accepts DroneCAN v0 only, with filters for that.
-    pub fn accept_v0_only(&mut self) {
-        if takes_both_dialects() {
-            self.set("DIALECT", 1);
-            self.run_ms(1500);
-        }
-    }
-
     /// The tool sends a request and does not wait. Returns the transfer ID.
     pub fn request(&mut self, request: &Message) -> TransferId {
         self.request_to(NODE as u8, request)

@@ -17,7 +17,6 @@ use crate::manage::parameters;
 use crate::status::{BROWN_OUT, RESET, TRANSFER_ERRORS, WATCHDOG};
 use crate::{
     ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command, has_all_features, started, status_fields,
-    takes_both_dialects,
 };
 use bench::Cycles;
 use bench::Noise;
@@ -278,7 +277,7 @@ impl Soak {
         assert_eq!(followed, commands, "commands followed; counters {before:?} to {after:?}");
         assert_eq!(after[3], before[3], "sends given up");
         // The filters let some frames for other nodes through.
-        let limit = if takes_both_dialects() { u16::MAX } else { 40 + self.halves };
+        let limit = if has_all_features() { u16::MAX } else { 40 + self.halves };
         self.halves = 0;
         assert!(
             after[1].wrapping_sub(before[1]) <= limit,

@@ -21,7 +21,7 @@ const FOLLOWS: &str = "follows";
 
 fn broken_sensor(millivolts: u32) -> Measured {
     let mut trial = Trial::running();
-    trial.begin("open or short", |rig| rig.board().set_sensor_millivolts(millivolts));
+    trial.begin("sensor fault", |rig| rig.board().set_sensor_millivolts(millivolts));
     trial.live(2500);
     let (_, code) = trial.rig.status_now();
     assert_eq!(code & TEMPERATURE, TEMPERATURE, "{code:#06x}");
@@ -56,7 +56,7 @@ pub const SENSOR_NOISY: Case = Case {
         let mut trial = Trial::running();
         trial.rig.board().set_temperature_c(25.0);
         trial.live(1100);
-        trial.begin("open or short", |rig| rig.board().set_sensor_noise_millivolts(100, 3));
+        trial.begin("sensor fault", |rig| rig.board().set_sensor_noise_millivolts(100, 3));
         trial.live(6000);
         let reported = trial.rig.node_messages(|message| match message {
             Message::Temperature(temperature) => Some(temperature.celsius()),

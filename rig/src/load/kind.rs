@@ -2,13 +2,13 @@
 
 use bench::Cycles;
 
-use super::super::{board, takes_both_dialects};
+use super::super::{board, has_all_features};
 
 /// True if the node may lose some frames of a bus full of `kind` at 1 Mbit/s. It accepts both
 /// dialects and assembles two transfers at a time, so a command of the thesis takes longer than its
 /// frame lasts (docs/decisions.md).
 pub fn may_lose_commands(kind: Kind) -> bool {
-    takes_both_dialects() && board().fastest_bit_rate() == 1_000_000 && kind == Kind::Thesis
+    has_all_features() && board().fastest_bit_rate() == 1_000_000 && kind == Kind::Thesis
 }
 
 /// The frames of a load. RXB0 and RXB1 are the buffers whose filters accept them.

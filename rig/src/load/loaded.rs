@@ -66,13 +66,6 @@ impl Loaded {
         Loaded::with(Rig::running(), load, client)
     }
 
-    /// Like [`Loaded::new`] with a node that accepts DroneCAN v0 only.
-    pub fn of_v0_only(load: Option<Load>, client: Client) -> Loaded {
-        let mut rig = Rig::running();
-        rig.accept_v0_only();
-        Loaded::with(rig, load, client)
-    }
-
     /// Like [`Loaded::new`] with this running rig.
     pub fn with_rig(rig: Rig, load: Option<Load>, client: Client) -> Loaded {
         Loaded::with(rig, load, client)
