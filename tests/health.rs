@@ -95,7 +95,7 @@ fn a_sensor_that_opens_or_shorts_is_a_warning_until_it_works() {
         wait_for_status(&mut rig, OK, 0, 2500);
         rig.board().set_sensor_millivolts(millivolts);
         wait_for_status(&mut rig, WARNING, TEMPERATURE, 3000);
-        rig.wait_for_line("temperature sensor open or short", 50);
+        rig.wait_for_line("temperature sensor fault", 50);
         rig.board().set_temperature_c(25.0);
         wait_for_status(&mut rig, OK, 0, 3000);
         rig.wait_for_line("temperature in range", 50);
@@ -166,7 +166,7 @@ fn a_required_sensor_that_is_missing_is_a_warning() {
     rig.wait_until_up();
     rig.set("TEMP_SENSOR", 2);
     wait_for_status(&mut rig, WARNING, TEMPERATURE, 2500);
-    rig.wait_for_line("temperature sensor open or short", 50);
+    rig.wait_for_line("temperature sensor fault", 50);
 }
 
 /// An incomplete transfer is the sender's fault, or an attack. It must not prevent the vehicle from

@@ -159,7 +159,8 @@ fn no_frame_takes_more_than_two_chip_selects_and_nine_bytes_besides_its_data() {
     );
 }
 
-/// Measured from the end of the command's last frame.
+/// Measured from the end of the command's last frame. With all features a frame costs more, so on
+/// a full bus the outputs wait for a gap between frames, for up to 2 ms.
 #[test]
 fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_of_its_end() {
     let is_slower_than = |max_us: u32| {
@@ -170,22 +171,18 @@ fn every_command_of_one_frame_or_nine_is_in_the_servo_s_register_within_500_us_o
                 .then(|| format!("{moves} commands, the slowest after {max} us"))
         }
     };
-    // With all features the node follows the newest of these commands, one turn of the main loop
-    // later.
-    let is_too_much = |load: Load| {
-        rig::has_all_features()
-            && load.kind == Kind::Command(5)
-            && matches!(load.pace, Pace::Full | Pace::Bursts)
-    };
-    all(|load| load.kind.moves_servo() && !is_too_much(load), is_slower_than(500));
-    all(|load| load.kind.moves_servo(), is_slower_than(600));
+    let waits =
+        |load: Load| rig::has_all_features() && matches!(load.pace, Pace::Full | Pace::Bursts);
+    all(|load| load.kind.moves_servo() && !waits(load), is_slower_than(500));
+    if rig::has_all_features() {
+        all(|load| load.kind.moves_servo() && waits(load), is_slower_than(2000));
+    }
 }
 
-/// On a bus full of commands of one frame (8,700 a second, 1,840 cycles each) the ATmega168 loses
-/// some positions, because a position takes a division. The ATmega328P follows the newest
-/// (docs/decisions.md). Up to three quarters of that rate the node follows all.
+/// On a bus full of commands of one frame (8,700 a second, 1,840 cycles each) the node reads all,
+/// and follows the newest (docs/decisions.md). Up to three quarters of that rate it follows all.
 #[test]
-fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_full_bus() {
+fn commands_of_one_frame_are_all_read_and_up_to_three_quarters_of_a_full_bus_followed() {
     for kind in [Kind::Position, Kind::Command(5), Kind::Thesis] {
         let load = |pace| Load { kind, priority: 31, pace };
         // Frames a second; the thesis's commands are shorter.
@@ -204,18 +201,7 @@ fn commands_of_one_frame_are_all_read_and_followed_up_to_three_quarters_of_a_ful
             figures.command_to_servo.max()
         );
         let full = run(load(Pace::Full), LOAD_MS);
-        let (frames, lost) = (full.meter.frames, full.meter.lost);
-        let part = match kind {
-            Kind::Thesis if rig::takes_both_dialects() => 30,
-            _ if rig::has_all_features() => 200,
-            _ if rig::has_preset_remote() => 6,
-            _ => 7,
-        };
-        println!("{kind:?}: {lost} lost beside {frames}");
-        assert!(
-            lost * part < frames && full.meter.garbled == 0,
-            "{kind:?}: {lost} lost beside {frames}"
-        );
+        assert_eq!(reading_errors(&full), None, "{kind:?}");
     }
 }
 
@@ -321,7 +307,7 @@ fn slow_commands_leave_time_for_its_other_work() {
 #[test]
 fn a_bus_full_of_frames_for_other_nodes_costs_no_time() {
     let run = |load| {
-        let mut loaded = Loaded::of_v0_only(load, Client::None);
+        let mut loaded = Loaded::new(load, Client::None);
         let profile = Profile::begin(loaded.rig.board().avr_mut());
         loaded.run_ms(700);
         let (_, mean, _) = profile.turns();

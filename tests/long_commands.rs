@@ -249,16 +249,17 @@ fn has_two_lanes() -> bool {
     rig::board().chip == Chip::Atmega328p
 }
 
-/// The commander is the node whose command was followed last. With two lanes the node follows both
-/// senders.
+/// A sender is trusted if its last command of several frames was complete. With two lanes the node
+/// follows both senders.
 #[test]
-fn of_two_simultaneous_senders_the_commander_or_both_are_followed() {
+fn of_two_simultaneous_senders_the_trusted_one_or_both_are_followed() {
     for is_first in [true, false] {
         let mut rig = Rig::positioned();
+        send_all(&mut rig, 10, &fifteen(0));
         if is_first {
             send_alternately(&mut rig, 10, 11);
         } else {
-            // The commander's command replaces a transfer that has begun.
+            // The trusted sender's command replaces a transfer that has begun.
             send_alternately(&mut rig, 11, 10);
         }
         // The second sender's command is complete last.
@@ -280,23 +281,23 @@ fn of_two_simultaneous_senders_the_commander_or_both_are_followed() {
 }
 
 #[test]
-fn without_a_commander_the_later_of_two_simultaneous_senders_is_followed() {
+fn of_two_simultaneous_senders_that_are_not_trusted_the_first_or_both_are_followed() {
     let mut rig = Rig::positioned();
     send_alternately(&mut rig, 11, 12);
-    assert_eq!(rig.settled_pulse_us(), 1950.0);
+    assert_eq!(rig.settled_pulse_us(), if has_two_lanes() { 1950.0 } else { 1000.0 });
     let (_, code) = rig.next_status();
     assert_eq!(code & TRANSFER_ERRORS != 0, !has_two_lanes(), "the status says what was refused");
 }
 
-/// The incomplete transfer delays no other commands, except for 50 ms if its sender is the
-/// commander and there is one lane.
+/// Also that of a sender whose last command was complete.
 #[test]
-fn an_incomplete_transfer_delays_other_senders_for_at_most_50_ms() {
-    let during_the_commander_s = if has_two_lanes() { 1000.0 } else { 1750.0 };
+fn an_incomplete_transfer_delays_other_senders_for_at_most_4_ms() {
     for (silent, other, wait_ms, pulse) in
-        [(11, 10, 5, 1000.0), (10, 11, 40, during_the_commander_s), (10, 11, 55, 1000.0)]
+        [(11, 10, 5, 1000.0), (10, 11, 5, 1000.0), (10, 11, 40, 1000.0)]
     {
         let mut rig = Rig::positioned();
+        let high = array_command(&[(1, 0, 0.9), (2, 0, 0.0)], 10);
+        send_all(&mut rig, 10, &high);
         rig.set("OUT1_TIMEOUT", 0);
         send_all(&mut rig, silent, &fifteen(3)[..4]);
         rig.run_ms(wait_ms);

@@ -18,11 +18,6 @@ fn the_default_preset_works() {
 }
 
 #[test]
-fn the_preset_without_any_feature_works() {
-    starts_and_follows_a_command("none");
-}
-
-#[test]
 fn the_preset_without_a_serial_monitor_works_and_sends_no_line() {
     assert_eq!(starts_and_follows_a_command("remote").serial, "");
 }

@@ -69,7 +69,7 @@ fn a_hung_program_is_restarted_by_the_watchdog() {
 #[test]
 fn nothing_in_the_programs_can_panic() {
     // For the ATmega328P one program has all features.
-    let of_board = if rig::takes_both_dialects() { &["full"][..] } else { &["default", "thesis"] };
+    let of_board = if rig::has_all_features() { &["full"][..] } else { &["default", "thesis"] };
     for features in of_board {
         let mut rig = Rig::with_features(features);
         let avr = rig.board().avr();

@@ -1,6 +1,6 @@
 //! The node measures a temperature and sends it.
 
-use rig::{DEGREES_OF_NODE, MS, Rig, TEMPERATURE_OF_NODE};
+use rig::{MS, Rig, TEMPERATURE_OF_NODE};
 
 /// Device ID, kelvin and flags in a Temperature.
 fn fields(data: &[u8]) -> (u16, f32, u8) {
@@ -45,53 +45,4 @@ fn the_serial_monitor_shows_the_temperature() {
     let shown: f64 =
         line.trim_start_matches("temperature +").trim_end_matches(" C").parse().unwrap();
     assert!((shown - 30.0).abs() < 0.5, "{line}");
-}
-
-#[test]
-fn without_a_thesis_command_the_node_sends_no_whole_degrees() {
-    let mut rig = Rig::running();
-    for _ in 0..10 {
-        rig.send_status_from(1);
-        rig.send_command(1, 0, 0.0);
-        rig.run_ms(600);
-    }
-    assert_eq!(rig.frames(DEGREES_OF_NODE), []);
-    let unknown: Vec<_> =
-        rig.traffic.iter().filter(|(_, frame)| frame.to_string().contains("0458")).collect();
-    assert!(unknown.is_empty());
-}
-
-#[test]
-fn after_a_thesis_command_the_node_sends_whole_degrees_at_every_third_autopilot_status() {
-    let mut rig = Rig::running();
-    rig.board().set_temperature_c(41.0);
-    rig.run_ms(200);
-    rig.send_servo_command(90);
-    rig.run_ms(20);
-    for n in 1..=9 {
-        rig.send_status_from(1);
-        rig.run_ms(20);
-        assert_eq!(rig.frames(DEGREES_OF_NODE).len(), n / 3, "after {n} statuses");
-        rig.run_ms(580);
-    }
-    let frames = rig.frames(DEGREES_OF_NODE);
-    for (n, (_, data)) in frames.iter().enumerate() {
-        assert_eq!(data.len(), 2);
-        assert_eq!(data[0], 41, "the sum of the readings is a little less, so the node must round");
-        assert_eq!(data[1], 0xC0 | n as u8);
-    }
-}
-
-#[test]
-fn whole_degrees_are_limited_to_the_range_of_a_byte() {
-    let mut rig = Rig::running();
-    // An LM35 cannot cause this; a short to the supply can.
-    rig.board().set_sensor_millivolts(5000);
-    rig.run_ms(200);
-    rig.send_servo_command(90);
-    for _ in 0..3 {
-        rig.send_status_from(1);
-        rig.run_ms(600);
-    }
-    assert_eq!(rig.frames(DEGREES_OF_NODE)[0].1[0], 255);
 }

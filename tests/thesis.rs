@@ -191,14 +191,14 @@ fn the_first_status_comes_at_once_with_mode_initialization() {
 }
 
 #[test]
-fn the_serial_monitor_prints_the_banner_and_the_dialect() {
+fn the_serial_monitor_prints_the_banner() {
     let mut rig = Rig::powered();
     rig.wait_for_line("CAN: running", 100);
     let banner = format!(
         "DroneCAN servo node {}, node ID {NODE}, reset: power-on",
         env!("CARGO_PKG_VERSION")
     );
-    assert_eq!(rig.serial.lines().collect::<Vec<_>>(), [&banner, "draft of 2014", "CAN: running"]);
+    assert_eq!(rig.serial.lines().collect::<Vec<_>>(), [&banner, "CAN: running"]);
 }
 
 /// After each reset the node uses the draft, reports the cause, and makes no pulse until the next
@@ -230,7 +230,7 @@ fn a_restart_is_reported_and_leaves_the_servo_without_pulses() {
 /// reports the condition permanently.
 #[test]
 fn parameters_of_another_firmware_are_not_used() {
-    let mut other = Rig::with_features("none");
+    let mut other = Rig::with_features("default");
     other.wait_until_up();
     other.set("OUT1_MAX", 1600);
     other.set("CAN_NODE", 42);
@@ -402,8 +402,8 @@ fn an_invalid_command_frame_does_not_move_the_servo() {
         (Frame::extended(id, &[]), Some("type 760 from 9 tid 3, wrong length")),
         (Frame::extended(id, &[0, 0]), Some("type 760 from 9 tid 3, wrong length")),
         (Frame::extended(id, &[0; 8]), Some("type 760 from 9 tid 3, wrong length")),
-        (Frame::extended(id | INDEX, &[0]), Some("type 760 from 9, not a whole frame")),
-        (Frame::extended(id | (62 * INDEX), &[0]), Some("type 760 from 9, not a whole frame")),
+        (Frame::extended(id | INDEX, &[0]), Some("type 760 from 9, malformed")),
+        (Frame::extended(id | (62 * INDEX), &[0]), Some("type 760 from 9, malformed")),
         (Frame::extended(id & !LAST, &[0]), None),
         (Frame::extended(id & !LAST, &[0, 0, 0, 0, 0, 0, 0, 0]), None),
         (Frame::extended(message_id(COMMAND, 0, 3), &[0]), Some("type 760 from 0, wrong sender")),
@@ -411,7 +411,7 @@ fn an_invalid_command_frame_does_not_move_the_servo() {
             Frame::extended(message_id(COMMAND, NODE, 3), &[0]),
             Some("type 760 from 120, wrong sender"),
         ),
-        (Frame::remote(Id::Extended(id), 1), Some("not a type of this node")),
+        (Frame::remote(Id::Extended(id), 1), Some("unknown type")),
     ];
     let mut rig = node_at_maximum();
     let (mut refused, mut followed) = (0, 1);
@@ -636,10 +636,10 @@ fn the_serial_monitor_logs_each_status_each_command_and_the_temperature() {
     command(&mut rig, AUTOPILOT, 90);
     rig.run_ms(1_100);
     for line in [
-        "rx NodeStatus from 1 tid 0: up 266 s, OK, OPERATIONAL",
-        "rx NodeStatus from 1 tid 1: up 266 s, WARNING, OPERATIONAL",
-        "rx NodeStatus from 1 tid 2: up 266 s, CRITICAL, OPERATIONAL",
-        "rx NodeStatus from 1 tid 3: up 266 s, OK, INITIALIZATION",
+        "rx NodeStatus from 1 tid 0: up 266 s, OK",
+        "rx NodeStatus from 1 tid 1: up 266 s, WARNING",
+        "rx NodeStatus from 1 tid 2: up 266 s, CRITICAL",
+        "rx NodeStatus from 1 tid 3: up 266 s, OK",
         "rx thesis.ServoCommand from 1 tid 0: 90, pulse 1353.0 us",
     ] {
         assert!(
@@ -891,10 +891,6 @@ impl Loaded {
     }
 }
 
-/// Number of commands that may be lost out of 12,000 back to back. Each lasts 67 us, the shortest
-/// possible frame (docs/decisions.md).
-const MOST_LOST: u64 = 250;
-
 /// The shortest frames come every 67 us, and the queue has room for four.
 #[test]
 fn frames_back_to_back_are_all_read_in_order() {
@@ -902,22 +898,16 @@ fn frames_back_to_back_are_all_read_in_order() {
     for load in [Load::Commands, Load::Empty, Load::Statuses, Load::Wrong] {
         let meter = Loaded::run(load, FRAMES).meter;
         assert_eq!((meter.out_of_order, meter.garbled), (0, 0), "{load:?}");
-        let most_lost = if load == Load::Commands { MOST_LOST } else { 0 };
-        assert!(meter.lost <= most_lost, "{load:?}: {} lost", meter.lost);
-        assert_eq!(meter.frames + meter.lost, u64::from(FRAMES), "{load:?}");
+        assert_eq!((meter.lost, meter.frames), (0, u64::from(FRAMES)), "{load:?}");
     }
 }
 
 #[test]
-fn on_a_full_bus_every_command_is_in_the_servo_s_register_within_500_us_of_its_end() {
+fn on_a_full_bus_every_followed_command_is_in_the_servo_s_register_within_500_us_of_its_end() {
     for load in [Load::Commands, Load::Mixed] {
         let mut loaded = Loaded::run(load, 12_000);
-        let most_lost = if load == Load::Commands { MOST_LOST as usize } else { 0 };
-        assert!(
-            loaded.meter.lost <= most_lost as u64 && loaded.left_out <= most_lost,
-            "{load:?}: {}",
-            loaded.left_out
-        );
+        // A newer command replaced some before they were followed.
+        assert!(loaded.meter.lost == 0 && loaded.left_out < 6000, "{load:?}: {}", loaded.left_out);
         assert!(loaded.waiting.is_empty(), "{load:?}");
         loaded.to_servo.sort();
         let (count, max) = (loaded.to_servo.len(), loaded.to_servo.last().expect("commands") / US);
