@@ -180,7 +180,7 @@ def test_parameters_are_read_by_index_and_by_name(joined):
         )
     message = ground.read("OUT1_TRIM")
     assert (message.param_index, message.param_count, value_of(message)) == (
-        4,
+        PARAMETERS.index("OUT1_TRIM"),
         len(PARAMETERS),
         1500,
     )

@@ -67,8 +67,8 @@ def test_the_autopilot_sends_commands_and_the_node_its_status(bench):
 
 
 def test_frames_that_the_thesis_s_filters_reject_have_no_effect(bench):
-    """ArrayCommand, GetNodeInfo and RestartNode. The node's unit tests test their frames, and
-    test_draft.py compares them with pydronecan.
+    """ArrayCommand, GetNodeInfo and RestartNode. test_draft.py compares their frames with
+    pydronecan.
     """
     used, listener = on_the_bus(bench, "--hold", "0.5")
     magic = pack(new("RestartNode", "request", magic_number=0xACCE551B1E))

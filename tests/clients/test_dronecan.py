@@ -59,14 +59,11 @@ def test_the_node_handles_what_the_gui_tool_sends(bench):
     client.spin_until(lambda: used.pulse_us() == 1750, "pulse of 1750 us")
 
 
-def test_the_thesis_s_types_work_in_both_directions(bench):
-    used = bench("--temperature", "30")
+def test_the_thesis_s_command_moves_the_servo(bench):
+    used = bench()
     client = used.dronecan(node_id=1)
-    client.node.mode = uavcan.protocol.NodeStatus().MODE_OPERATIONAL
     client.node.broadcast(thirdparty.thesis.ServoCommand(position=255))
     client.spin_until(lambda: used.pulse_us() == 2000, "pulse of 2000 us")
-    # The client is the autopilot now; the node answers every third of its statuses.
-    assert client.wait_for(thirdparty.thesis.DegreesCelsius).degrees in (29, 30, 31)
     client.node.broadcast(thirdparty.thesis.ServoCommand(position=0))
     client.spin_until(lambda: used.pulse_us() == 1000, "pulse of 1000 us")
 

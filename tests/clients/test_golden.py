@@ -207,13 +207,6 @@ CASES = {
         3,
         "10045701 5A C3",
     ),
-    "thesis.DegreesCelsius": (
-        lambda: thirdparty.thesis.DegreesCelsius(degrees=25),
-        120,
-        24,
-        1,
-        "18045878 19 C1",
-    ),
 }
 
 

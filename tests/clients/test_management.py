@@ -13,12 +13,16 @@ from conftest import NODE, VERSION, node_elf
 protocol = uavcan.protocol
 UNITLESS, PWM = 0, 4
 
-PARAMETERS = [
-    "CAN_NODE", "CAN_BAUDRATE", "OUT1_ID", "OUT1_MIN", "OUT1_TRIM", "OUT1_MAX", "OUT1_REVERSED",
-    "OUT_RATE", "OUT1_RANGE", "OUT1_TIMEOUT", "OUT1_FS", "OUT1_FS_PWM", "ARM_REQ", "TELEM_RATE",
-    "TEMP_RATE", "TEMP_ID", "TEMP_SENSOR", "TEMP_REF", "TEMP_OFFSET",
-    "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
+# Those of the node, and of each output.
+NODE_PARAMETERS = [
+    "CAN_NODE", "CAN_BAUDRATE", "OUT_RATE", "TEMP_RATE", "TEMP_ID", "TEMP_SENSOR", "TEMP_REF",
+    "TEMP_OFFSET", "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
+    "ARM_REQ", "TELEM_RATE",
 ]  # fmt: skip
+OUTPUT_PARAMETERS = [
+    "ID", "MIN", "TRIM", "MAX", "REVERSED", "RANGE", "TIMEOUT", "FS", "FS_PWM",
+]  # fmt: skip
+PARAMETERS = NODE_PARAMETERS + [f"OUT1_{name}" for name in OUTPUT_PARAMETERS]
 
 
 def read_all_parameters(client):
@@ -65,17 +69,9 @@ def test_parameters_are_read_until_the_empty_name(bench):
         )
 
 
-def test_the_parameters_of_features_follow_the_others(bench):
+def test_the_parameters_of_features_precede_those_of_the_outputs(bench):
     found = read_all_parameters(bench(elf=node_elf("full", board="uno")).dronecan())
-    singles = [
-        "LIGHT_ID",
-        "STATS_RATE",
-        "DIALECT",
-        "SAFE_MODE",
-        "OUT_COUNT",
-        "OUT1_TYPE",
-        "PWR_RATE",
-    ]
+    features = ["LIGHT_ID", "STATS_RATE", "SAFE_MODE", "OUT_COUNT", "PWR_RATE"]
     circuit = [
         "ID",
         "VOLT_MULT",
@@ -87,9 +83,14 @@ def test_the_parameters_of_features_follow_the_others(bench):
         "AMP_MAX",
         "OUT",
     ]
-    of_output = ["ID", "MIN", "TRIM", "MAX", "REVERSED", "RANGE", "TIMEOUT", "FS", "FS_PWM", "TYPE"]
-    outputs = [f"OUT{output}_{name}" for output in range(2, 9) for name in of_output]
-    assert list(found) == [*PARAMETERS, *singles, *(f"PWR1_{name}" for name in circuit), *outputs]
+    features += [f"PWR1_{name}" for name in circuit]
+    outputs = [
+        f"OUT{output}_{name}" for output in range(1, 9) for name in [*OUTPUT_PARAMETERS, "TYPE"]
+    ]
+    assert list(found) == NODE_PARAMETERS + features + outputs
+    # Between two pulses there has to be a pause.
+    widths = [f"OUT{output}_{name}" for output in (1, 8) for name in OUTPUT_PARAMETERS[1:4]]
+    assert {found[name].max_value.integer_value for name in widths} == {2400}
 
 
 def test_saved_parameters_survive_a_restart(bench):
@@ -183,13 +184,17 @@ def test_five_requests_at_once_are_answered_in_order(bench):
     assert used.pulse_us() == 1600
 
 
-def test_a_firmware_update_is_rejected_with_a_reason(bench):
-    client = bench().dronecan()
+@pytest.mark.parametrize(
+    "features, board, text",
+    [("default", "diecimila", ""), ("full", "uno", "update over USB serial")],
+)
+def test_without_a_loader_a_firmware_update_is_rejected(bench, features, board, text):
+    client = bench(elf=node_elf(features, board=board)).dronecan()
     request = protocol.file.BeginFirmwareUpdate.Request(source_node_id=0)
     request.image_file_remote_path.path = "firmware.bin"
     response = client.ask(request)
     assert response.error == response.ERROR_INVALID_MODE
-    assert str(response.optional_error_message)
+    assert str(response.optional_error_message) == text
 
 
 def test_transport_stats_count_transfers_and_frames(bench):
