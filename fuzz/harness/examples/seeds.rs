@@ -290,7 +290,7 @@ fn lives() -> Vec<(&'static str, Vec<Step>)> {
     ]
 }
 
-/// An autopilot of the draft: statuses, commands of both kinds, requests.
+/// An autopilot of the draft, which the node must not follow: statuses, commands, requests.
 fn draft() -> Vec<Step> {
     let frame = |id: u32, data: &[u8]| Step::Frame { id: id.to_be_bytes(), data: data.to_vec() };
     let mut steps = Vec::new();

@@ -51,21 +51,20 @@ fn save(rig: &mut Rig) {
 /// node trusts a record with a valid CRC, so the parameters of a record that got its CRC from this
 /// harness can have any value.
 fn has_travel(rig: &Rig) -> bool {
-    const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 10] = [
-        (Parameter::Out1Id, 0..=255),
-        (Parameter::Out1Min, 500..=2500),
-        (Parameter::Out1Trim, 500..=2500),
-        (Parameter::Out1Max, 500..=2500),
-        (Parameter::Out1Reversed, 0..=1),
-        (Parameter::Out1Range, 10..=360),
-        (Parameter::Out1Fs, 0..=3),
-        (Parameter::Out1FsPwm, 500..=2500),
+    const RANGES: [(Parameter, std::ops::RangeInclusive<u16>); 9] = [
+        (OutputParameter::Id.of(0), 0..=255),
+        (OutputParameter::Min.of(0), 500..=2500),
+        (OutputParameter::Trim.of(0), 500..=2500),
+        (OutputParameter::Max.of(0), 500..=2500),
+        (OutputParameter::Reversed.of(0), 0..=1),
+        (OutputParameter::Range.of(0), 10..=360),
+        (OutputParameter::Fs.of(0), 0..=3),
+        (OutputParameter::FsPwm.of(0), 500..=2500),
         (Parameter::ArmReq, 0..=1),
-        (Parameter::Dialect, 0..=2),
     ];
     RANGES
         .iter()
-        .all(|(parameter, range)| range.contains(&rig.parameter(*parameter as u8).unwrap_or(0)))
+        .all(|(parameter, range)| range.contains(&rig.parameter(parameter.index()).unwrap_or(0)))
 }
 
 /// Restarts the node, as after a power cut.
@@ -91,7 +90,7 @@ pub fn run(input: &[u8]) {
                 // The node's own records have no range of 16 bits, with which its products would
                 // overflow.
                 for output in 0..OUTPUTS {
-                    let index = OutputParameter::Range.index(output);
+                    let index = usize::from(OutputParameter::Range.index(output));
                     let range = memory.cells[start + 2 * index..].first_chunk_mut().unwrap();
                     *range = u16::from_le_bytes(*range).min(360).to_le_bytes();
                 }

@@ -4,8 +4,8 @@
 
 use std::collections::HashMap;
 
-use dronecan_host::{CanId, DataType, NodeId, RESTART_MAGIC, crc, draft, types};
-use firmware::node::parameters::{Parameter, Parameters};
+use dronecan_host::{CanId, DataType, NodeId, RESTART_MAGIC, crc, types};
+use firmware::node::parameters::{OutputParameter, Parameters};
 use half::f16;
 
 const START: u8 = 1 << 7;
@@ -23,8 +23,6 @@ const SUM: usize = 2;
 
 /// Length of an entry of a command array in bytes.
 const ENTRY: usize = 4;
-/// Length of an entry in the draft, in bytes.
-const DRAFT_ENTRY: usize = 3;
 
 /// The type of an entry's value (DSDL uavcan/equipment/actuator/Command.uavcan).
 const UNITLESS: u8 = 0;
@@ -33,8 +31,6 @@ const PWM: u8 = 4;
 
 /// The node ignores the priority: frames that differ only in it belong to the same transfer.
 const WITHOUT_PRIORITY: u32 = 0x00FF_FFFF;
-/// Marks keys of the draft, whose identifiers have no priority.
-const DRAFT: u32 = 1 << 31;
 
 /// A transfer that may be complete in the node, unless the node dropped it for another sender's.
 pub struct Completed {
@@ -44,8 +40,6 @@ pub struct Completed {
     /// True if the node must not drop it: it has one frame, or is a command array and no other
     /// sender has begun one.
     pub is_sure: bool,
-    /// True for a transfer of the draft of 2014, which the node accepts only at times.
-    pub is_draft: bool,
     /// True if OUT1_ID changed during the transfer, so that the node may have used the entry of
     /// either ID.
     is_unclear: bool,
@@ -77,63 +71,13 @@ impl Transfers {
         parameters: &Parameters,
     ) -> Option<Completed> {
         let signature = CanId::parse(id).and_then(DataType::of).and_then(|known| known.signature);
-        self.take(id, data, now_ms, parameters, signature, false)
-    }
-
-    /// Handles a frame of the draft, if the node may use it: converts it to the equivalent frame of
-    /// v0.
-    pub fn push_draft(
-        &mut self,
-        id: u32,
-        data: &[u8],
-        now_ms: u64,
-        parameters: &Parameters,
-    ) -> Option<Completed> {
-        let service = matches!(id >> 17 & 3, 1);
-        let upper = match (id >> 19, id >> 17 & 3) {
-            (265, 2) => 265 << 8,
-            (550, 2) => u32::from(types::NODE_STATUS.id) << 8,
-            (760, 2) => u32::from(types::THESIS_COMMAND.id) << 8,
-            (551, 1) => u32::from(types::GET_NODE_INFO.id) << 16,
-            (560, 1) => u32::from(types::RESTART_NODE.id) << 16,
-            _ => return None,
-        };
-        let to = u32::from(data.first().copied().unwrap_or(0) & 0x7F);
-        let lower = if service { 0x8080 | to << 8 } else { 0 };
-        let bit = |on: bool, bit: u8| if on { bit } else { 0 };
-        let index = id >> 4 & 0x3F;
-        let tail = bit(index == 0, START)
-            | bit(id & 8 != 0, END)
-            | bit(index & 1 != 0, TOGGLE)
-            | (id & 7) as u8;
-        let data = [data, &[tail]].concat();
-        let signature = draft::types::ARRAY_COMMAND.signature;
-        self.take(upper | lower | id >> 10 & 0x7F, &data, now_ms, parameters, signature, true)
-    }
-
-    fn take(
-        &mut self,
-        id: u32,
-        data: &[u8],
-        now_ms: u64,
-        parameters: &Parameters,
-        signature: Option<u64>,
-        is_draft: bool,
-    ) -> Option<Completed> {
-        let actuator = parameters.get(Parameter::Out1Id);
+        let actuator = parameters.of(0, OutputParameter::Id);
         let can_id = CanId::parse(id)?;
-        let key = id & WITHOUT_PRIORITY | if is_draft { DRAFT } else { 0 };
+        let key = id & WITHOUT_PRIORITY;
         let (&tail, part) = data.split_last()?;
         let (number, toggle) = (tail & NUMBER, tail & TOGGLE != 0);
         let heard = |payload, is_sure, is_unclear| {
-            Some(Completed {
-                id: can_id,
-                number,
-                payload,
-                is_sure: is_sure && !is_draft,
-                is_draft,
-                is_unclear,
-            })
+            Some(Completed { id: can_id, number, payload, is_sure, is_unclear })
         };
         if tail & START != 0 {
             if toggle {
@@ -169,8 +113,8 @@ impl Transfers {
         let session = self.sessions.remove(&key)?;
         let (sum, payload) = session.stream.split_first_chunk::<SUM>()?;
         (u16::from_le_bytes(*sum) == crc::transfer(signature?, payload)).then_some(())?;
-        // Maximum length of a list: 15 commands, of three bytes in the draft, or 20 lights.
-        if is_list(key) && payload.len() > if is_draft { 45 } else { 60 } {
+        // Maximum length of a list: 15 commands of four bytes, or 20 lights of three.
+        if is_list(key) && payload.len() > 60 {
             return None;
         }
         heard(payload.to_vec(), session.is_alone, session.actuator != actuator)
@@ -200,9 +144,9 @@ fn timeout_ms(key: u32) -> u64 {
 
 /// True if transfers with this key are lists.
 fn is_list(key: u32) -> bool {
-    let lists = [types::ARRAY_COMMAND.id, types::LIGHTS_COMMAND.id, draft::types::ARRAY_COMMAND.id];
+    let lists = [types::ARRAY_COMMAND.id, types::LIGHTS_COMMAND.id];
     matches!(
-        CanId::parse(key & !DRAFT),
+        CanId::parse(key),
         Some(CanId::Message { type_id, .. }) if lists.contains(&type_id)
     )
 }
@@ -239,15 +183,15 @@ const TICKS_PER_US: f64 = 2.0;
 
 impl Travel {
     pub fn of(parameters: &Parameters) -> Travel {
-        let ticks = |parameter| f64::from(parameters.get(parameter)) * TICKS_PER_US;
-        let (a, b) = (ticks(Parameter::Out1Min), ticks(Parameter::Out1Max));
+        let ticks = |parameter| f64::from(parameters.of(0, parameter)) * TICKS_PER_US;
+        let (a, b) = (ticks(OutputParameter::Min), ticks(OutputParameter::Max));
         let (low, high) = (a.min(b), a.max(b));
         Travel {
             low,
-            trim: ticks(Parameter::Out1Trim).clamp(low, high),
+            trim: ticks(OutputParameter::Trim).clamp(low, high),
             high,
-            is_reversed: parameters.get(Parameter::Out1Reversed) != 0,
-            half_range_rad: f64::from(parameters.get(Parameter::Out1Range)).to_radians() / 2.0,
+            is_reversed: parameters.of(0, OutputParameter::Reversed) != 0,
+            half_range_rad: f64::from(parameters.of(0, OutputParameter::Range)).to_radians() / 2.0,
         }
     }
 
@@ -267,6 +211,8 @@ impl Travel {
     fn of_entry(&self, unit: u8, value: f16) -> Option<Width> {
         /// Resolution of the node's angles in radians.
         const ANGLE_STEP: f64 = 1.0 / 4096.0;
+        /// The least width that the node follows, in microseconds.
+        const LEAST_WIDTH_US: f64 = 0.25;
         let value = Some(value.to_f64()).filter(|value| value.is_finite())?;
         match unit {
             UNITLESS => Some(self.deflected(value, 0.0)),
@@ -275,7 +221,8 @@ impl Travel {
             }
             PWM => {
                 let ticks = value * TICKS_PER_US;
-                (ticks > 0.0)
+                // The node rejects widths that it would round to 0.
+                (value >= LEAST_WIDTH_US)
                     .then(|| Width { ticks: ticks.clamp(self.low, self.high), tolerance: 1.0 })
             }
             _ => None,
@@ -291,11 +238,11 @@ impl Travel {
 /// The width of the failsafe; `None` if the servo holds.
 pub fn failsafe(parameters: &Parameters) -> Option<Width> {
     let travel = Travel::of(parameters);
-    match parameters.get(Parameter::Out1Fs) {
+    match parameters.of(0, OutputParameter::Fs) {
         0 => None,
         1 => Some(Width::exactly(travel.trim)),
         2 => {
-            let ticks = f64::from(parameters.get(Parameter::Out1FsPwm)) * TICKS_PER_US;
+            let ticks = f64::from(parameters.of(0, OutputParameter::FsPwm)) * TICKS_PER_US;
             Some(Width::exactly(ticks.clamp(travel.low, travel.high)))
         }
         _ => Some(Width::exactly(0.0)),
@@ -308,8 +255,7 @@ pub enum Order {
     /// Move to one of these widths, if commands are allowed.
     Go {
         widths: Vec<Width>,
-        /// True if the node must follow it: it has one entry, with a width that is a valid pulse
-        /// after rounding.
+        /// True if the node must follow it: the harness knows which entry the node uses.
         is_clear: bool,
     },
     /// Move to the failsafe, because the node restarts.
@@ -328,27 +274,9 @@ impl Completed {
         if self.id.source().map(NodeId::get) == Some(me) {
             return None;
         }
-        // In the draft the destination comes before the payload.
-        let skipped = usize::from(self.is_draft && matches!(self.id, CanId::Service { .. }));
-        match (self.id, self.payload.get(skipped..)?) {
-            (CanId::Message { type_id, .. }, payload)
-                if self.is_draft && type_id == draft::types::ARRAY_COMMAND.id =>
-            {
-                let actuator = parameters.get(Parameter::Out1Id);
-                let travel = Travel::of(parameters);
-                let (entries, []) = payload.as_chunks::<DRAFT_ENTRY>() else { return None };
-                let mine =
-                    |entry: &&[u8; DRAFT_ENTRY]| self.is_unclear || u16::from(entry[0]) == actuator;
-                let width = |&[_, low, high]: &[u8; DRAFT_ENTRY]| {
-                    travel.of_entry(UNITLESS, f16::from_le_bytes([low, high]))
-                };
-                let count = if self.is_unclear { entries.len() } else { 1 };
-                let widths =
-                    entries.iter().rev().filter(mine).take(count).filter_map(width).collect();
-                Some(Order::Go { widths, is_clear: false })
-            }
+        match (self.id, self.payload.as_slice()) {
             (CanId::Message { type_id, .. }, payload) if type_id == types::ARRAY_COMMAND.id => {
-                let actuator = parameters.get(Parameter::Out1Id);
+                let actuator = parameters.of(0, OutputParameter::Id);
                 let travel = Travel::of(parameters);
                 let (entries, []) = payload.as_chunks::<ENTRY>() else { return None };
                 let width = |&[_, unit, low, high]: &[u8; ENTRY]| {
@@ -361,11 +289,7 @@ impl Completed {
                     });
                 }
                 let last = entries.iter().rev().find(|entry| u16::from(entry[0]) == actuator)?;
-                let is_clear = !matches!(
-                    *last,
-                    [_, PWM, low, high] if f16::from_le_bytes([low, high]) < f16::ONE
-                );
-                Some(Order::Go { widths: vec![width(last)?], is_clear })
+                Some(Order::Go { widths: vec![width(last)?], is_clear: true })
             }
             (CanId::Message { type_id, .. }, &[byte]) if type_id == types::THESIS_COMMAND.id => {
                 Some(Order::Go {

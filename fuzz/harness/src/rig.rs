@@ -13,12 +13,11 @@ use std::collections::HashSet;
 use std::time::Duration;
 
 use dronecan_host::{
-    CanId, Decoded, Message, NodeInfo, Observation, Observer, Transfer, draft, split, types,
+    CanId, Decoded, Message, NodeInfo, Observation, Observer, Transfer, split, types,
 };
 use firmware::desk::{Desk, Memory};
-use firmware::node::agenda::Agenda;
 use firmware::node::condition::ResetCause;
-use firmware::node::parameters::Parameter;
+use firmware::node::parameters::{OutputParameter, Parameter};
 use mcp2515_ordered::{Event, Frame, Notice};
 
 use crate::orders::{self, Completed, Order, Transfers};
@@ -43,9 +42,6 @@ const ARMED_FOR_MS: (u64, u64) = (3000, 4000);
 /// Time for which a commander stays the autopilot after its last message.
 const COMMANDER_FOR_MS: u64 = 3000;
 
-/// DIALECT for the draft of 2014 only.
-const DRAFT: u16 = 2;
-
 /// Node ID of the client at the end of an input.
 const ASKER: u8 = 126;
 
@@ -64,8 +60,6 @@ pub struct Rig {
     pub transfers: Vec<Transfer>,
     /// True if a restart was requested.
     may_restart: bool,
-    /// True if the node has received the draft, so that it may use it.
-    has_heard_draft: bool,
     /// When the node last followed a command that it must follow, and since when the vehicle is
     /// armed.
     followed_ms: Option<u64>,
@@ -97,7 +91,6 @@ impl Rig {
             sent: Observer::new(),
             transfers: Vec::new(),
             may_restart: false,
-            has_heard_draft: false,
             followed_ms: None,
             armed: None,
             commander: None,
@@ -120,7 +113,6 @@ impl Rig {
         self.asked.clear();
         self.sent = Observer::new();
         self.may_restart = false;
-        self.has_heard_draft = false;
         self.followed_ms = None;
         self.armed = None;
         self.commander = None;
@@ -131,17 +123,17 @@ impl Rig {
     fn begin(&mut self) {
         self.desk.can.room = 0;
         self.desk.settle();
-        assert_eq!(self.desk.node.pulse(0), 0, "a pulse before any command");
+        assert_eq!(self.desk.program.node.pulse(0), 0, "a pulse before any command");
     }
 
     /// The node's ID; 0 while it has none.
     pub fn id(&self) -> u8 {
-        self.desk.node.id()
+        self.desk.program.node.id()
     }
 
     /// The value of a parameter, in 16 bits.
     pub fn parameter(&self, index: u8) -> Option<u16> {
-        self.desk.node.parameters.value(index)
+        self.desk.program.node.parameters.value(index)
     }
 
     /// Time since the start.
@@ -186,7 +178,10 @@ impl Rig {
                     Event::Flags,
                 ];
                 let event = events[usize::from(event) % events.len()];
-                self.desk.node.notice(Notice { event, value }, &mut self.desk.monitor);
+                self.desk
+                    .program
+                    .node
+                    .notice(Notice { event, value }, &mut self.desk.program.monitor);
             }
         }
     }
@@ -194,7 +189,7 @@ impl Rig {
     /// The identifier of frames of a type to the node.
     fn identifier(&self, what: Type, source: u8) -> [u8; 4] {
         let message = |data_type: u16| MESSAGE | u32::from(data_type) << 8;
-        let me = u32::from(self.desk.node.id());
+        let me = u32::from(self.desk.program.node.id());
         let request = |service: u16| REQUEST | u32::from(service) << 16 | me << 8;
         let id = match what {
             Type::ArrayCommand => message(types::ARRAY_COMMAND.id),
@@ -248,27 +243,22 @@ impl Rig {
     pub fn receive(&mut self, id: [u8; 4], data: &[u8]) {
         let mut frame = Frame { id, len: data.len() as u8, ..Frame::EMPTY };
         frame.data[..data.len()].copy_from_slice(data);
-        let (before, now_ms) = (self.desk.node.pulse(0), self.now_ms());
-        let parameters = self.desk.node.parameters;
+        let (before, now_ms) = (self.desk.program.node.pulse(0), self.now_ms());
+        let parameters = self.desk.program.node.parameters;
         self.desk.hear(&frame);
         self.note_motor();
-        let after = self.desk.node.pulse(0);
+        let after = self.desk.program.node.pulse(0);
         let raw = u32::from_be_bytes(id);
-        // The node decides whether it accepts the draft. A frame that it rejects does not move the
-        // servo.
-        let (v0, draft) = if id[0] & Frame::FOREIGN != 0 {
-            (None, None)
+        let v0 = if id[0] & Frame::FOREIGN != 0 {
+            None
         } else {
-            let v0 = self.heard.push(raw, data, now_ms, &parameters);
-            (v0, self.heard.push_draft(raw, data, now_ms, &parameters))
+            self.heard.push(raw, data, now_ms, &parameters)
         };
-        let is_ambiguous = draft.is_some();
-        self.has_heard_draft |= is_ambiguous;
         let is_safety_state =
             matches!(CanId::parse(raw), Some(CanId::Message { type_id: 20_000, .. }));
         self.has_heard_safety |= is_safety_state && id[0] & Frame::FOREIGN == 0;
         let (mut goals, mut must_move) = (Vec::new(), false);
-        for heard in v0.into_iter().chain(draft) {
+        if let Some(heard) = v0 {
             if let Completed {
                 id: CanId::Service { service_id, request: true, source, .. },
                 number,
@@ -277,15 +267,10 @@ impl Rig {
             {
                 self.asked.insert((service_id, source.get(), number));
             }
-            // With DIALECT 1 or 2 the node accepts messages of that dialect only.
-            let dialect = parameters.get(Parameter::Dialect);
-            let is_taken = dialect == 0 || dialect == if heard.is_draft { DRAFT } else { 1 };
-            match heard.order(self.desk.node.id(), &parameters) {
-                Some(Order::Go { .. } | Order::Arm(_)) if !is_taken => {}
+            match heard.order(self.desk.program.node.id(), &parameters) {
                 Some(Order::Go { widths, is_clear }) => {
                     let needs_arming = parameters.get(Parameter::ArmReq) != 0;
-                    let is_sure =
-                        is_clear && heard.is_sure && !is_ambiguous && self.desk.node.id() != 0;
+                    let is_sure = is_clear && heard.is_sure && self.desk.program.node.id() != 0;
                     let source = heard.source();
                     if !needs_arming
                         || self.armed.is_some_and(|of| now_ms - of.since_ms <= ARMED_FOR_MS.1)
@@ -329,12 +314,12 @@ impl Rig {
 
     /// Notes if output 1 is a motor.
     fn note_motor(&mut self) {
-        self.was_motor |= self.desk.node.parameters.get(Parameter::Out1Type) != 0;
+        self.was_motor |= self.desk.program.node.parameters.of(0, OutputParameter::Type) != 0;
     }
 
     /// True if the current travel changes the pulse `before` to `after`.
     fn is_limited(&self, before: u16, after: u16) -> bool {
-        orders::Travel::of(&self.desk.node.parameters).limited(before).fits(after)
+        orders::Travel::of(&self.desk.program.node.parameters).limited(before).fits(after)
     }
 
     /// Runs for `ms` milliseconds.
@@ -348,14 +333,14 @@ impl Rig {
     }
 
     fn tick(&mut self) {
-        let (before, now_ms) = (self.desk.node.pulse(0), self.now_ms());
+        let (before, now_ms) = (self.desk.program.node.pulse(0), self.now_ms());
         self.desk.pass(1);
-        let after = self.desk.node.pulse(0);
+        let after = self.desk.program.node.pulse(0);
         assert_eq!(self.desk.servos.0[0], after, "the servo has another pulse");
         self.note_motor();
         if after != before && !self.is_limited(before, after) && !self.was_motor {
-            let parameters = &self.desk.node.parameters;
-            let timeout_ms = u64::from(parameters.get(Parameter::Out1Timeout));
+            let parameters = &self.desk.program.node.parameters;
+            let timeout_ms = u64::from(parameters.of(0, OutputParameter::Timeout));
             let is_late = self.followed_ms.is_none_or(|followed| now_ms - followed >= timeout_ms);
             let has_reason = timeout_ms != 0 && is_late
                 || parameters.get(Parameter::ArmReq) != 0
@@ -365,6 +350,9 @@ impl Rig {
                 has_reason && goal.is_some_and(|goal| goal.fits(after)),
                 "from {before} to {after} by itself"
             );
+        }
+        for (_, frame) in std::mem::take(&mut self.desk.can.sent) {
+            self.check(&frame);
         }
         self.read();
         if self.desk.is_to_restart {
@@ -391,17 +379,12 @@ impl Rig {
         }
     }
 
-    /// The controller accepts up to this many frames from the node.
+    /// The controller accepts up to this many frames from the node, in the next millisecond: the
+    /// node asks a full controller for room once a millisecond.
     pub fn leave(&mut self, frames: u32) {
         self.desk.can.room = frames;
-        // As at the start of a millisecond, when the node asks the controller for room again.
-        self.desk.agenda = Agenda::new();
-        self.desk.idle();
+        self.tick();
         self.desk.can.room = 0;
-        for (_, frame) in std::mem::take(&mut self.desk.can.sent) {
-            self.check(&frame);
-        }
-        self.read();
     }
 
     /// Checks a frame that the node sent.
@@ -413,9 +396,7 @@ impl Rig {
             Observation::Partial => return,
             Observation::Invalid(why) => panic!("{why}: {frame:?}"),
             Observation::Complete(Decoded::V0(transfer, message)) => (transfer, message),
-            Observation::Complete(Decoded::Draft(transfer, message)) => {
-                return self.check_draft(&transfer, &message);
-            }
+            Observation::Complete(Decoded::Draft(_, message)) => panic!("the draft: {message}"),
         };
         assert!(!matches!(message, Message::Other { .. }), "{message}");
         match transfer.id {
@@ -435,19 +416,6 @@ impl Rig {
     /// Node ID of another node, which sends requests and commands.
     fn other(&self) -> u8 {
         if self.id() == ASKER { ASKER - 1 } else { ASKER }
-    }
-
-    /// Checks a message of the draft that the node sent.
-    fn check_draft(&self, transfer: &draft::Transfer, message: &draft::Message) {
-        assert!(!matches!(message, draft::Message::Other { .. }), "{message}");
-        assert_eq!(transfer.source.get(), self.id(), "{message}");
-        if let draft::Route::Response(destination) = transfer.route {
-            let service = if transfer.type_id == draft::types::GET_NODE_INFO.id { 1 } else { 5 };
-            let answered = (service, destination.get(), transfer.transfer_id.get());
-            assert!(self.asked.contains(&answered), "there was no request for {message}");
-        } else {
-            assert_eq!(transfer.route, draft::Route::Broadcast);
-        }
     }
 
     /// Sends a request repeatedly for some seconds, because the node may be busy or restart, and
@@ -496,16 +464,13 @@ impl Rig {
                 (0..100).for_each(|_| self.tick());
                 self.leave(u32::MAX);
             }
-            // The draft has no requests for a node ID.
-            let is_v0 =
-                !self.has_heard_draft && self.desk.node.parameters.get(Parameter::Dialect) != DRAFT;
-            assert!(!is_v0 || !self.transfers.is_empty(), "the node must request an ID");
+            assert!(!self.transfers.is_empty(), "the node must request an ID");
             return;
         };
         assert!(!info.name.is_empty(), "{info}");
         let source = self.other();
         let command = |rig: &mut Rig, value: f32| {
-            let actuator = rig.desk.node.parameters.get(Parameter::Out1Id) as u8;
+            let actuator = rig.desk.program.node.parameters.of(0, OutputParameter::Id) as u8;
             let [low, high] = half::f16::from_f32(value).to_le_bytes();
             rig.send(
                 &Sent {
@@ -523,8 +488,7 @@ impl Rig {
         // Both commands move the servo, because their widths differ from the current one.
         command(self, 0.5);
         command(self, -0.5);
-        let is_deaf =
-            self.has_heard_safety || self.desk.node.parameters.get(Parameter::Dialect) == DRAFT;
-        assert!(self.desk.node.pulse(0) != 0 || is_deaf || self.was_motor);
+        let is_safe = self.has_heard_safety;
+        assert!(self.desk.program.node.pulse(0) != 0 || is_safe || self.was_motor);
     }
 }
