@@ -18,7 +18,7 @@ CS ?=
 INT ?=
 CRYSTAL ?=
 WIRING := --board '$(BOARD)' --shield '$(SHIELD)' --cs '$(CS)' --int '$(INT)' --crystal '$(CRYSTAL)'
-# What the firmware has: a preset (default, full, remote, thesis, none), or a list of features with
+# What the firmware has: a preset (default, full, remote, thesis), or a list of features with
 # commas. Empty: the preset of the board's chip.
 FEATURES ?=
 # Silent: make expands a recipe before it runs it, and the script that builds the firmware prints
@@ -26,10 +26,9 @@ FEATURES ?=
 ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)' 2>/dev/null)
 GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)' 2>/dev/null)
 # Presets with which the node's library is tested, and tunnel, a feature that is in none of them;
-# and builds that the tests on simulated boards use. "none" is the same program as "default" on this
-# chip, so "make test" links it, and only "make test-all" tests it once more.
+# and builds that the tests on simulated boards use.
 PRESETS := default full remote thesis tunnel
-SHIPPED := default remote thesis none
+SHIPPED := default remote thesis
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
@@ -79,8 +78,8 @@ help:
 	@echo "make deny       check licences and origins of all dependencies, and that only the simulator links simavr"
 	@echo "make clean      remove what was built"
 	@echo
-	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, remote, thesis or none;"
-	@echo "FEATURES=button        this feature only; several with commas, if they fit."
+	@echo "FEATURES=thesis chooses another preset for sim, gdb, firmware, flash, size and bench: default, full, remote or thesis;"
+	@echo "FEATURES=save-answers  this feature besides the default; several with commas, if they fit."
 	@echo "BOARD=uno SHIELD=module chooses another board for them and for test; after a wrong name make lists the right ones. CS=D8 INT=D3 CRYSTAL=8"
 	@echo "are for other wiring. See docs/wiring.md."
 
@@ -225,7 +224,6 @@ test-clients:
 LONG := reliability elf-mutants fuzz fuzz-coverage soak
 WITHOUT_THESIS = TEST_FILES='$(filter-out thesis,$(TEST_FILES))'
 test-all: test lint
-	@$(MAKE) --no-print-directory test-library PRESETS=none
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
 	@# The tests that take long, on the default board, and all on the boards with the other chip.
 	cargo test -p tests -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
