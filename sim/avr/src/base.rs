@@ -12,6 +12,7 @@ use anyhow::Result;
 use simavr_ffi as ffi;
 
 use super::core::{Core, WriteHandler};
+use super::unmodelled::Unmodelled;
 use avr_chip::{Chip, Violation};
 use sim_base::Cycles;
 use sim_base::Noise;
@@ -25,6 +26,8 @@ const OUT: u16 = 0xB800;
 const BIT_INSTRUCTIONS: u16 = 0x9800;
 const SBI: u16 = 0x9A00;
 const CBI: u16 = 0x9800;
+const SBIC: u16 = 0x9900;
+const SBIS: u16 = 0x9B00;
 
 /// A timer of a model, by its unique name. It has at most one expiry time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -98,6 +101,8 @@ pub(super) struct Base {
     panic: Cell<Option<Box<dyn Any + Send>>>,
     originals: RefCell<Vec<(u16, WriteHandler)>>,
     violations: RefCell<Vec<Violation>>,
+    /// All uses so far.
+    unmodelled: RefCell<Vec<Unmodelled>>,
 }
 
 impl Base {
@@ -111,6 +116,7 @@ impl Base {
             panic: Cell::new(None),
             originals: RefCell::default(),
             violations: RefCell::default(),
+            unmodelled: RefCell::default(),
         })
     }
 
@@ -183,6 +189,16 @@ impl Base {
         }
     }
 
+    /// The bits of a register that the present instruction can see: one for SBIC and SBIS, all for
+    /// others.
+    pub fn tested_bits(&self) -> u8 {
+        let opcode = self.core.opcode();
+        match opcode & 0xFF00 {
+            SBIC | SBIS => 1 << (opcode & 0b111),
+            _ => 0xFF,
+        }
+    }
+
     /// Simulated time at which simavr's clock is `cycle`.
     pub fn time_of(&self, cycle: u64) -> Cycles {
         self.last_reset.get() + cycle
@@ -206,6 +222,20 @@ impl Base {
     /// Removes and returns the violations since the last call.
     pub fn take_violations(&self) -> Vec<Violation> {
         self.violations.take()
+    }
+
+    /// Notes that the program uses a feature that is not modelled exactly. Each counts once.
+    pub fn report_unmodelled(&self, text: &'static str) {
+        let mut known = self.unmodelled.borrow_mut();
+        if !known.iter().any(|unmodelled| unmodelled.text == text) {
+            known.push(Unmodelled { at: self.now(), text });
+        }
+    }
+
+    /// The features that are not modelled exactly and that the program has used so far, after the
+    /// first `seen` ones.
+    pub fn unmodelled_after(&self, seen: usize) -> Vec<Unmodelled> {
+        self.unmodelled.borrow().get(seen..).map(<[Unmodelled]>::to_vec).unwrap_or_default()
     }
 
     /// Replaces simavr's write handler of a register by `handler`. [`Base::forward`] calls the

@@ -665,15 +665,20 @@ impl Core {
         unsafe { (*self.avr).bit_io[usize::from(address - regs::IO_FIRST)].c = None }
     }
 
-    /// First word of the instruction at the program counter, or 0 beyond the end of the flash.
-    /// While an instruction runs, it is that instruction.
+    /// First word of the instruction at the program counter. While an instruction runs, it is that
+    /// instruction.
     pub fn opcode(&self) -> u16 {
-        let pc = self.pc() as usize;
-        if pc + 1 >= self.chip.flash_bytes() {
+        self.word(self.pc())
+    }
+
+    /// The word of flash at a byte address, or 0 beyond the end of the flash.
+    pub fn word(&self, address: u32) -> u16 {
+        let address = address as usize;
+        if address + 1 >= self.chip.flash_bytes() {
             return 0;
         }
         // Safety: see the invariant of `Core`; the flash holds both bytes.
-        let bytes = unsafe { [*(*self.avr).flash.add(pc), *(*self.avr).flash.add(pc + 1)] };
+        let bytes = [0, 1].map(|offset| unsafe { *(*self.avr).flash.add(address + offset) });
         u16::from_le_bytes(bytes)
     }
 }

@@ -18,6 +18,7 @@
 //! │  ├─ extint           edges of INT0 and INT1 that come while masked, which simavr loses
 //! │  └─ watchdog         the watchdog's oscillator, with tolerance and jitter
 //! ├─ adc, pins           voltages and levels from outside
+//! ├─ unmodelled, starts  what a program uses that is not modelled; its starts without a reset
 //! └─ debug, trace        for debuggers and profilers
 //! base                   time, timers, violations; the trait of the peripherals
 //! core                   simavr: instructions, interrupts, ports, ADC, watchdog
@@ -47,9 +48,11 @@ mod processor;
 pub mod regs;
 mod spi;
 mod spm;
+mod starts;
 mod timers;
 mod trace;
 mod uart;
+mod unmodelled;
 mod watchdog;
 
 use std::collections::HashMap;
@@ -68,6 +71,7 @@ pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};
 pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
 pub use trace::{Moment, Tracer};
+pub use unmodelled::Unmodelled;
 
 use self::core::Activity;
 use machine::Machine;
@@ -254,6 +258,40 @@ impl Avr {
     /// Removes and returns the program's mistakes since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         self.machine.base.take_violations()
+    }
+
+    /// The features of the chip that are not modelled exactly and that the program has used, each
+    /// once, after the first `seen` ones.
+    pub fn unmodelled_after(&self, seen: usize) -> Vec<Unmodelled> {
+        self.machine.base.unmodelled_after(seen)
+    }
+
+    /// Times at which the program jumped to its start without a reset, after the first `seen` ones.
+    /// Only programs with avr-libc's start code are noticed.
+    pub fn jumps_after(&self, seen: usize) -> Vec<Cycles> {
+        self.machine.jumps_after(seen)
+    }
+
+    /// True if the program can know the level of a pin: it has read the pin since power-on, or one
+    /// of the pin's interrupts is enabled. A read of the whole port counts.
+    pub fn observes_pin(&self, port: char, bit: u8) -> bool {
+        self.machine.inputs_read(pins::port_index(port)) & 1 << bit != 0
+            || self.interrupt_pins().contains(&(port, bit))
+    }
+
+    /// The pins whose external or pin change interrupt is enabled.
+    pub fn interrupt_pins(&self) -> Vec<(char, u8)> {
+        let get = |address| self.machine.base.core.get(address);
+        let external = [(0, 2), (1, 3)].into_iter();
+        let external = external.filter(|(int, _)| get(regs::EIMSK) & 1 << int != 0);
+        let mut pins: Vec<(char, u8)> = external.map(|(_, bit)| ('D', bit)).collect();
+        for (index, port) in ['B', 'C', 'D'].into_iter().enumerate() {
+            if get(regs::PCICR) & 1 << index != 0 {
+                let mask = get(regs::PCMSK0 + index as u16);
+                pins.extend((0..8).filter(|bit| mask & 1 << bit != 0).map(|bit| (port, bit)));
+            }
+        }
+        pins
     }
 
     /// True if a pin is high. PD2 is `('D', 2)`.

@@ -12,25 +12,27 @@
 //! again. So the machine is shared, and never borrowed mutably. Each model is in its own cell,
 //! which is borrowed for one step. No cell is borrowed while code outside of this crate runs.
 
+mod callbacks;
+
 use std::cell::{Cell, RefCell};
-use std::ffi::{c_int, c_void};
 use std::rc::Rc;
 
 use anyhow::Result;
-use simavr_ffi as ffi;
 
 use super::adc::Adc;
-use super::base::{Base, Peripheral, Timer, TimerSlot};
-use super::core::{Access, Activity, Core, FLASH_LPM, FLASH_SPM};
+use super::base::{Base, Peripheral, Timer};
+use super::core::Activity;
 use super::debug::Debug;
 use super::extint::ExternalInterrupts;
 use super::nvm::Nvm;
-use super::pins::{PORT_B, PORT_D, Pins};
+use super::pins::{PORT_B, Pins};
 use super::regs;
 use super::spi::Spi;
+use super::starts::Starts;
 use super::timers::Timers;
 use super::trace::Trace;
 use super::uart::Uart;
+use super::unmodelled;
 use super::watchdog::Watchdog;
 use avr_chip::{Chip, PinWatcher, Reset, ResetCause, power_on_ram};
 use sim_base::Cycles;
@@ -79,6 +81,9 @@ peripherals! {
 /// Expires at the end of `run_until`.
 const STOP: Timer = Timer("stop");
 
+/// PINx, by port.
+const PINS: [u16; 3] = [regs::PINB, regs::PINC, regs::PIND];
+
 /// Bit of port B that is ICP1.
 const ICP1: u8 = 0;
 
@@ -98,6 +103,9 @@ pub(super) struct Machine {
     pub debug: Debug,
     pub trace: Trace,
     resets: RefCell<Vec<Reset>>,
+    starts: Starts,
+    /// Pins that the program has read since power-on, by port.
+    inputs_read: [Cell<u8>; 3],
     reset_cause: Cell<Option<ResetCause>>,
     power_on_noise: RefCell<Noise>,
 }
@@ -129,31 +137,44 @@ impl Machine {
             debug: Debug::default(),
             trace: Trace::default(),
             resets: RefCell::default(),
+            starts: Starts::default(),
+            inputs_read: Default::default(),
             reset_cause: Cell::new(None),
             power_on_noise: RefCell::new(Noise::new(0)),
         });
         let base = &machine.base;
         let core = &base.core;
-        core.set_context(Rc::as_ptr(&machine).cast_mut().cast(), on_beyond_ram);
+        core.set_context(Rc::as_ptr(&machine).cast_mut().cast(), callbacks::on_beyond_ram);
         let timers: Vec<Timer> =
             machine.timers.iter().map(|(timer, _)| *timer).chain([STOP]).collect();
-        base.set_timers(&timers, Some(on_timer));
-        core.hook_reset(on_reset);
-        core.hook_interrupts(Some(on_interrupt), Some(on_bad_opcode));
-        core.hook_adc(Some(on_adc_sample));
-        core.hook_watchdog(Some(on_watchdog));
-        core.hook_flash(on_flash);
-        base.hook_write(regs::MCUSR, Some(on_write));
+        base.set_timers(&timers, Some(callbacks::on_timer));
+        core.hook_reset(callbacks::on_reset);
+        core.hook_interrupts(Some(callbacks::on_interrupt), Some(callbacks::on_bad_opcode));
+        core.hook_adc(Some(callbacks::on_adc_sample));
+        core.hook_watchdog(Some(callbacks::on_watchdog));
+        core.hook_flash(callbacks::on_flash);
+        base.hook_write(regs::MCUSR, Some(callbacks::on_write));
+        for pins in [regs::PINB, regs::PINC, regs::PIND] {
+            core.hook_read(pins, Some(callbacks::on_read));
+        }
         for pins in [regs::PINB, regs::PIND] {
-            core.hook_read(pins, Some(on_read));
             core.unhook_bit_writes(pins);
+        }
+        base.hook_write(regs::SREG, Some(callbacks::on_write));
+        for address in unmodelled::WRITES {
+            if machine.owner(*address).is_none() {
+                base.hook_write(*address, Some(callbacks::on_write));
+            }
+        }
+        for address in unmodelled::READS {
+            core.hook_read(*address, Some(callbacks::on_read));
         }
         for peripheral in machine.peripherals.iter() {
             for address in peripheral.writes() {
-                base.hook_write(*address, Some(on_write));
+                base.hook_write(*address, Some(callbacks::on_write));
             }
             for address in peripheral.reads() {
-                core.hook_read(*address, Some(on_read));
+                core.hook_read(*address, Some(callbacks::on_read));
             }
         }
         let capture = Rc::downgrade(&machine);
@@ -227,9 +248,8 @@ impl Machine {
                     self.trace.before_instruction(&self.base);
                 }
                 core.run_one();
-                if core.activity() == Activity::Sleeping && core.get(regs::SMCR) & regs::SE == 0 {
-                    self.base.report_violation("SLEEP without SE in SMCR: the chip does not sleep");
-                    core.set_activity(Activity::Running);
+                if core.activity() == Activity::Sleeping {
+                    self.fall_asleep();
                 }
             }
             let mut idle = core.process_timers();
@@ -259,6 +279,22 @@ impl Machine {
         }
     }
 
+    /// Handles SLEEP.
+    fn fall_asleep(&self) {
+        let smcr = self.base.core.get(regs::SMCR);
+        if smcr & regs::SE == 0 {
+            self.base.report_violation("SLEEP without SE in SMCR: the chip does not sleep");
+            self.base.core.set_activity(Activity::Running);
+        } else if let Some(text) = unmodelled::used_by_sleep(smcr) {
+            self.base.report_unmodelled(text);
+        }
+    }
+
+    /// Times at which the program jumped to its start without a reset, after the first `seen` ones.
+    pub fn jumps_after(&self, seen: usize) -> Vec<Cycles> {
+        self.starts.jumps_after(seen)
+    }
+
     /// Corrects the state after simavr's reset: resets the models, and drives the pins from outside
     /// again.
     fn after_reset(&self) {
@@ -272,26 +308,41 @@ impl Machine {
         self.owners[usize::from(address)].map(|index| self.peripherals.get(index))
     }
 
+    /// The bits of the pins of a port that the program has read since power-on.
+    pub fn inputs_read(&self, port: usize) -> u8 {
+        self.inputs_read[port].get()
+    }
+
     fn write(&self, address: u16, value: u8) {
         let core = &self.base.core;
+        if address == regs::SREG {
+            core.set(address, value);
+            self.starts.check(&self.base);
+            return;
+        }
+        if let Some(text) = unmodelled::used_by_write(core, address, value) {
+            self.base.report_unmodelled(text);
+        }
         if address == regs::MCUSR {
             // > The flag is reset by a Power-on Reset, or by writing a logic zero to the flag.
             // > (section 11.9.1)
             core.set(address, core.get(address) & value);
         } else if let Some(peripheral) = self.owner(address) {
             peripheral.write(&self.base, address, value);
+        } else {
+            self.base.forward(address, value);
         }
     }
 
     fn read(&self, address: u16) -> u8 {
-        let port = match address {
-            regs::PINB => Some(PORT_B),
-            regs::PIND => Some(PORT_D),
-            _ => None,
-        };
-        if let Some(port) = port {
+        if let Some(port) = PINS.iter().position(|pins| *pins == address) {
+            let read = &self.inputs_read[port];
+            read.set(read.get() | self.base.tested_bits());
             self.peripherals.timers.advance_port(&self.base, port, self.base.read_time());
             return self.pins.levels(&self.base, port);
+        }
+        if unmodelled::READS.contains(&address) {
+            self.base.report_unmodelled(unmodelled::used_by_read(address));
         }
         self.owner(address)
             .map_or_else(|| self.base.core.get(address), |owner| owner.read(&self.base, address))
@@ -316,158 +367,4 @@ impl Machine {
             self.peripherals.get(*index).expire(&self.base, timer, at);
         }
     }
-}
-
-/// The machine to which a callback's parameter points.
-///
-/// # Safety
-/// `context` must be what `Machine::new` gave to `Core::set_context`.
-unsafe fn machine<'a>(context: *mut c_void) -> &'a Machine {
-    // Safety: the caller's promise; the machine lives longer than its core, and callbacks come from
-    // the core only. Only shared references to the machine exist.
-    unsafe { &*context.cast::<Machine>() }
-}
-
-unsafe extern "C" fn on_write(
-    _: *mut ffi::avr_t,
-    address: ffi::avr_io_addr_t,
-    value: u8,
-    context: *mut c_void,
-) {
-    // Safety: simavr passes the context on.
-    let machine = unsafe { machine(context) };
-    machine.base.guard((), || machine.write(address, value));
-}
-
-unsafe extern "C" fn on_read(
-    _: *mut ffi::avr_t,
-    address: ffi::avr_io_addr_t,
-    context: *mut c_void,
-) -> u8 {
-    // Safety: simavr passes the context on.
-    let machine = unsafe { machine(context) };
-    machine.base.guard(0, || machine.read(address))
-}
-
-/// Called within each reset, including the watchdog's, before the peripherals reset.
-unsafe extern "C" fn on_reset(avr: *mut ffi::avr_t) {
-    // Safety: simavr passes the chip of the core, which has its context.
-    let machine = unsafe { machine(Core::context_of(avr)) };
-    machine.base.guard((), || {
-        let at = machine.base.now();
-        let by_itself = machine.reset_cause.get().is_none();
-        let cause = machine.reset_cause.take().unwrap_or(ResetCause::Watchdog);
-        machine.resets.borrow_mut().push(Reset { at, cause });
-        // simavr does this at the end of the reset. By then it has started the watchdog with the
-        // old clock, so that the time-out would be too long by the time that the chip had
-        // run before.
-        machine.base.restart_clock();
-        if by_itself {
-            machine.base.ask_for_attention();
-        }
-    });
-}
-
-unsafe extern "C" fn on_interrupt(_: *mut ffi::avr_irq_t, _: u32, context: *mut c_void) {
-    // Safety: simavr passes the context on.
-    let machine = unsafe { machine(context) };
-    machine.base.guard((), || {
-        if machine.base.core.interrupts_enabled() {
-            for peripheral in machine.peripherals.iter() {
-                peripheral.interrupt_returns(&machine.base);
-            }
-        } else {
-            // > The interrupt execution response for all the enabled AVR interrupts is four clock
-            // > cycles minimum. (section 7.7.1) simavr takes none.
-            machine.base.core.set_cycle(machine.base.core.cycle() + 4);
-            // > When this bit is set (one), the interrupt vectors are moved to the beginning of the
-            // > Boot Loader section of the Flash. (MCUCR, IVSEL) simavr leaves them where they are.
-            if machine.base.core.get(regs::MCUCR) & regs::IVSEL != 0 {
-                machine.base.core.set_pc(
-                    machine.base.core.pc()
-                        + machine.peripherals.nvm.spm.borrow().boot_start() as u32,
-                );
-            }
-        }
-    });
-}
-
-unsafe extern "C" fn on_bad_opcode(_: *mut ffi::avr_irq_t, opcode: u32, context: *mut c_void) {
-    // Safety: simavr passes the context on.
-    let machine = unsafe { machine(context) };
-    machine
-        .base
-        .guard((), || machine.base.report_violation(&format!("illegal instruction {opcode:#06x}")));
-}
-
-/// Called when the program reads or writes at an address beyond the RAM.
-///
-/// # Safety
-/// The same as that of [`machine`].
-unsafe fn on_beyond_ram(context: *mut c_void, access: Access, address: u16) {
-    // Safety: the caller's promise.
-    let machine = unsafe { machine(context) };
-    machine.base.guard((), || {
-        let verb = match access {
-            Access::Read => "reads",
-            Access::Write => "writes",
-        };
-        let chip = machine.base.core.chip();
-        let end = chip.ram_end();
-        machine.base.report_violation(&format!(
-            "the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end:#06x}"
-        ));
-    });
-}
-
-unsafe extern "C" fn on_adc_sample(_: *mut ffi::avr_irq_t, mux: u32, context: *mut c_void) {
-    // Safety: simavr passes the context on.
-    let machine = unsafe { machine(context) };
-    machine.base.guard((), || machine.adc.borrow_mut().sample(&machine.base.core, mux));
-}
-
-unsafe extern "C" fn on_watchdog(_: *mut ffi::avr_irq_t, is_raised: u32, context: *mut c_void) {
-    // Safety: simavr passes the context on.
-    let machine = unsafe { machine(context) };
-    if is_raised != 0 {
-        machine
-            .base
-            .guard((), || machine.peripherals.watchdog.borrow_mut().timed_out(&machine.base.core));
-    }
-}
-
-unsafe extern "C" fn on_timer(
-    _: *mut ffi::avr_t,
-    when: ffi::avr_cycle_count_t,
-    slot: *mut c_void,
-) -> ffi::avr_cycle_count_t {
-    // Safety: simavr passes on what `Base` registers: a slot that lives as long as the core's base,
-    // with the context.
-    let (machine, timer) = unsafe {
-        let slot = &*slot.cast::<TimerSlot>();
-        (machine(slot.context), slot.timer)
-    };
-    machine.base.guard((), || machine.expire(timer, machine.base.time_of(when)));
-    0
-}
-
-/// Called for SPM and LPM, in the middle of the instruction.
-unsafe extern "C" fn on_flash(flash: *mut ffi::avr_io_t, request: u32, byte: *mut c_void) -> c_int {
-    if request != FLASH_SPM && request != FLASH_LPM {
-        return -1;
-    }
-    // Safety: simavr passes the peripheral, which belongs to the chip of the core, which has its
-    // context.
-    let machine = unsafe { machine(Core::context_of((*flash).avr)) };
-    machine.base.guard((), || {
-        if request == FLASH_SPM {
-            machine.peripherals.nvm.execute_spm(&machine.base);
-        } else {
-            // Safety: with this request simavr passes a pointer to the byte that it has read, in
-            // the frame of its caller.
-            let byte = unsafe { &mut *byte.cast::<u8>() };
-            *byte = machine.peripherals.nvm.spm.borrow_mut().load(&machine.base, *byte);
-        }
-    });
-    0
 }

@@ -15,6 +15,7 @@ pub use avr_chip::RAMSTART;
 pub const PINB: u16 = 0x23;
 pub const DDRB: u16 = 0x24;
 pub const PORTB: u16 = 0x25;
+pub const PINC: u16 = 0x26;
 pub const PIND: u16 = 0x29;
 pub const DDRD: u16 = 0x2A;
 pub const PORTD: u16 = 0x2B;
@@ -91,6 +92,7 @@ pub const WDE: u8 = 1 << 3;
 pub const WDP: u8 = 0b10_0111;
 
 pub const PRR: u16 = 0x64;
+pub const PCICR: u16 = 0x68;
 pub const EICRA: u16 = 0x69;
 pub const ISC1: u8 = 0b11 << 2;
 pub const PCMSK0: u16 = 0x6B;
