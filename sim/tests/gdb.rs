@@ -67,13 +67,7 @@ impl Setup {
             if start.elapsed() > LIMIT {
                 child.kill().expect("avr-gdb ended");
             }
-            // Does not run the chip before avr-gdb attaches, so that it attaches at the first
-            // instruction.
-            if self.gdb.status().contains("waits") && self.bench.now() == 0 {
-                self.gdb.serve(&mut self.bench).expect("the link is served");
-            } else {
-                self.turn();
-            }
+            self.turn();
         }
         let output = child.wait_with_output().expect("avr-gdb's output");
         let text = [output.stdout, output.stderr].concat();
@@ -101,7 +95,7 @@ impl Setup {
 
     /// Waits until no debugger is attached, and checks that the bench runs.
     fn assert_running(&mut self) {
-        self.turn_until(|setup| setup.gdb.status().contains("waits"));
+        self.turn_until(|setup| setup.gdb.status().ends_with(": waits for avr-gdb"));
         let before = self.bench.now();
         self.bench.run_for_ms(5);
         assert_eq!(self.bench.now(), before + 5 * MS);
@@ -123,6 +117,20 @@ fn assert_in_order(text: &str, parts: &[&str]) {
         };
         rest = &rest[at + part.len()..];
     }
+}
+
+/// The first instructions of a program can be debugged, whenever avr-gdb comes.
+#[test]
+fn the_board_is_halted_at_its_reset_until_a_debugger_comes() {
+    let mut setup = Setup::new("reset");
+    for _ in 0..20 {
+        setup.turn();
+    }
+    assert_eq!(setup.bench.now(), 0);
+    assert!(setup.gdb.status().contains("halted at reset, waits"), "{}", setup.gdb.status());
+    let text = setup.debug(&["print $pc", "stepi", "detach"]);
+    assert_in_order(&text, &["(void (*)()) 0x0", "detached"]);
+    setup.assert_running();
 }
 
 #[test]
@@ -297,7 +305,7 @@ fn an_interrupt_from_the_keyboard_halts_a_running_program() {
 fn the_whole_bench_stops_while_the_chip_is_halted() {
     let mut setup = Setup::new("still");
     let stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
-    setup.turn_until(|setup| setup.gdb.status().contains("halted"));
+    setup.turn_until(|setup| setup.gdb.status().contains("halted by avr-gdb"));
     let (before, others) = (setup.bench.now(), setup.bench.board(1).now());
     setup.bench.run_for_ms(100);
     assert_eq!((setup.bench.now(), setup.bench.board(1).now()), (before, others));

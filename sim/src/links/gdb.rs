@@ -1,9 +1,9 @@
 //! A port for avr-gdb: GDB's remote serial protocol over TCP, on loopback.
 //!
 //! The crate `gdbstub` implements the protocol; this file connects it to the AVR. (simavr has its
-//! own debugger, but that debugger runs the chip without the bench, and uses a fixed port.) A
-//! debugger that attaches halts the board. While the board is halted, simulated time stops for all
-//! boards and the bus.
+//! own debugger, but that debugger runs the chip without the bench, and uses a fixed port.) The
+//! board is halted at its reset until the first debugger comes; each later one halts it again.
+//! While the board is halted, simulated time stops for all boards and the bus.
 //!
 //! Addresses are those of the AVR tool chain: flash at 0, data space at 0x800000, EEPROM at
 //! 0x810000. Flash can be written, so `load` works. The run loop checks the breakpoints, so flash
@@ -79,6 +79,7 @@ impl Gdb {
         listener.set_nonblocking(true)?;
         let port = listener.local_addr()?.port();
         let debugger = bench.board(node).avr_mut().debugger();
+        debugger.halt(Halt::Asked);
         Ok(Gdb {
             listener,
             port,
@@ -181,7 +182,8 @@ impl Link for Gdb {
 
     fn status(&self) -> String {
         let what = match (&self.session, self.chip.debugger.halted()) {
-            (None, _) => "waits for avr-gdb",
+            (None, Some(_)) => "halted at reset, waits for avr-gdb",
+            (None, None) => "waits for avr-gdb",
             (Some(_), Some(_)) => "halted by avr-gdb",
             (Some(_), None) => "avr-gdb attached",
         };
