@@ -29,7 +29,7 @@ struct Known {
 fn recorded(path: &Path) -> Known {
     let mut rig = Rig::new();
     let node = rig.node;
-    let mut vcd = Vcd::create(path, &mut rig.bench, node).unwrap();
+    let mut vcd = Vcd::create(path, &[], &mut rig.bench, node).unwrap();
     let mut known = Known::default();
     rig.run(RUN_MS, |bench, records| {
         vcd.serve(bench).unwrap();
@@ -311,7 +311,7 @@ fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
     let mut bench = Bench::new(wire::BIT_RATE);
     let board = Board::programmed(&Wiring::parse(section).unwrap(), &pulsing(nops)).unwrap();
     let node = bench.add_board(board, "node");
-    let mut vcd = Vcd::create(&path, &mut bench, node).unwrap();
+    let mut vcd = Vcd::create(&path, &[], &mut bench, node).unwrap();
     let mut metered = vec![Vec::new(); OUTPUT_PINS.len()];
     for turn in 0..10 {
         bench.run_for_ms(1);
@@ -357,7 +357,7 @@ fn the_file_can_be_read_while_it_is_being_written() {
     let path = directory.file("run.vcd");
     let mut rig = Rig::new();
     let node = rig.node;
-    let mut vcd = Vcd::create(&path, &mut rig.bench, node).unwrap();
+    let mut vcd = Vcd::create(&path, &[], &mut rig.bench, node).unwrap();
     let mut seen = Vec::new();
     rig.run(42, |bench, records| {
         seen.extend_from_slice(records);
@@ -374,7 +374,7 @@ fn the_file_can_be_read_while_it_is_being_written() {
 #[test]
 fn a_full_disk_is_an_error_that_names_the_file() {
     let mut rig = Rig::new();
-    let error = Vcd::create(Path::new("/dev/full"), &mut rig.bench, 0).err().unwrap();
+    let error = Vcd::create(Path::new("/dev/full"), &[], &mut rig.bench, 0).err().unwrap();
     let error = format!("{error:#}");
     assert!(error.starts_with("--vcd: cannot write /dev/full: No space left"), "{error}");
 }

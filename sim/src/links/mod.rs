@@ -62,11 +62,24 @@ pub struct Args {
     pub log: Option<PathBuf>,
 
     /// Record CAN, SPI, INT, UART and all outputs as one-bit signals for sigrok and GTKWave: 1 MB
-    /// for each simulated second, up to 50 MB on a full bus
+    /// for each simulated second of this node, up to 50 MB on a full bus, up to 200 MB of a program
+    /// that does nothing but poll over the SPI
     #[arg(long, value_name = "FILE")]
     pub vcd: Option<PathBuf>,
 
-    /// Wait for avr-gdb on this TCP port of loopback, 1 to 65535
+    /// The signals of --vcd, with commas: CAN, CS, SCK, MOSI, MISO, INT, TXD, RXD, SERVO, OUT2 to
+    /// OUT8 [default: all]
+    #[arg(
+        long,
+        value_name = "NAMES",
+        requires = "vcd",
+        value_delimiter = ',',
+        value_parser = vcd::signal
+    )]
+    pub vcd_signals: Vec<vcd::Wire>,
+
+    /// Wait for avr-gdb on this TCP port of loopback, 1 to 65535; the board is halted at its reset
+    /// until avr-gdb has come
     #[arg(long, value_name = "PORT", value_parser = tcp_port, allow_hyphen_values = true)]
     pub gdb: Option<u16>,
 
@@ -145,7 +158,7 @@ impl Args {
             links.push(Box::new(log::Log::create(path, bench.bus().bit_rate())?));
         }
         if let Some(path) = &self.vcd {
-            links.push(Box::new(vcd::Vcd::create(path, bench, node)?));
+            links.push(Box::new(vcd::Vcd::create(path, &self.vcd_signals, bench, node)?));
         }
         Ok(links)
     }

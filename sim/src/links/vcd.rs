@@ -31,7 +31,9 @@ use std::cell::RefCell;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use writer::{Level, NAMES, WIRES_OF_EVERY_BOARD, Wire, Writer};
+use writer::{Level, NAMES, WIRES_OF_EVERY_BOARD, Writer};
+
+pub use writer::Wire;
 
 /// Longest time from the start of a byte on the SPI to its event, which comes at its end: 8 bits of
 /// 128 cycles.
@@ -53,13 +55,26 @@ pub struct Vcd {
     finished: bool,
 }
 
+/// The signal of this name, for the command line.
+///
+/// # Errors
+/// If there is none.
+pub fn signal(name: &str) -> Result<Wire, String> {
+    let found = NAMES.iter().find(|(_, known)| known.eq_ignore_ascii_case(name));
+    found.map(|(wire, _)| *wire).ok_or_else(|| {
+        let names: Vec<&str> = NAMES.iter().map(|(_, name)| *name).collect();
+        format!("no signal is called \"{name}\": use {}", names.join(", "))
+    })
+}
+
 impl Vcd {
     /// Creates the file, and attaches probes to the bus and to the board with number `node`. The
-    /// bus has one tap only: of two VCD files, the later one gets the signal CAN.
+    /// bus has one tap only: of two VCD files, the later one gets the signal CAN. The file has
+    /// `signals` only, or all of them if there is none.
     ///
     /// # Errors
     /// If the file cannot be written.
-    pub fn create(path: &Path, bench: &mut Bench, node: usize) -> Result<Vcd> {
+    pub fn create(path: &Path, signals: &[Wire], bench: &mut Bench, node: usize) -> Result<Vcd> {
         let now = bench.now();
         let mut levels = [Level::High; NAMES.len()];
         levels[Wire::Sck as usize] = Level::Low;
@@ -78,7 +93,7 @@ impl Vcd {
         })));
         let outputs = bench.board(node).wiring().outputs.len();
         let writer = File::create(path)
-            .and_then(|file| Writer::new(file, now, outputs, levels))
+            .and_then(|file| Writer::new(file, now, &wires(signals, outputs), levels))
             .with_context(|| format!("--vcd: cannot write {}", path.display()))?;
         let drawn = Drawn { txd_to: now, rxd_to: now };
         let path = path.to_owned();
@@ -159,6 +174,13 @@ impl Drop for Vcd {
     }
 }
 
+/// The wires of the file: those of `signals` that the board has, or all of them. `outputs` is the
+/// number of outputs besides the servo's.
+fn wires(signals: &[Wire], outputs: usize) -> Vec<Wire> {
+    let all = NAMES.iter().map(|(wire, _)| *wire).take(WIRES_OF_EVERY_BOARD + outputs);
+    all.filter(|wire| signals.is_empty() || signals.contains(wire)).collect()
+}
+
 /// The wire and its level after `event`; `None` for a byte, which has many edges.
 fn plain_level(event: WireEvent) -> Option<(Wire, bool)> {
     match event {
@@ -227,7 +249,8 @@ mod tests {
     /// Draws with `draw`, and returns the changes of one wire as (cycle, level).
     fn drawn(wire: &str, draw: impl FnOnce(&mut Writer<&mut Vec<u8>>)) -> Vec<(Cycles, char)> {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, 0, [Level::Floating; NAMES.len()]).unwrap();
+        let mut writer =
+            Writer::new(&mut out, 0, &wires(&[], 0), [Level::Floating; NAMES.len()]).unwrap();
         draw(&mut writer);
         writer.finish(1_000_000).unwrap();
         drop(writer);
@@ -249,6 +272,25 @@ mod tests {
         }
         changes.retain(|&(_, level)| level != 'z');
         changes
+    }
+
+    #[test]
+    fn the_file_has_the_signals_that_were_asked_for() {
+        assert_eq!(signal("can"), Ok(Wire::Can));
+        assert!(signal("CAN2").unwrap_err().contains("use CAN, CS, SCK"));
+        let chosen = wires(&[Wire::Out3, Wire::Can], 1);
+        assert_eq!(chosen, [Wire::Can], "the board has no third output");
+        assert_eq!(wires(&[], 0).len(), WIRES_OF_EVERY_BOARD);
+        let mut out = Vec::new();
+        let levels = [Level::High; NAMES.len()];
+        let mut writer = Writer::new(&mut out, 0, &[Wire::Cs], levels).unwrap();
+        writer.change(5, Wire::Sck, true);
+        writer.change(6, Wire::Cs, false);
+        writer.finish(10).unwrap();
+        drop(writer);
+        let text = String::from_utf8(out).unwrap();
+        assert!(text.contains(" CS ") && !text.contains(" SCK "), "{text}");
+        assert_eq!(text.matches("#").count(), 3, "start, edge and end: {text}");
     }
 
     fn byte(mode: u8) -> SpiByte {

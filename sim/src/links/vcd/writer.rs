@@ -104,21 +104,19 @@ pub struct Writer<W: Write> {
     /// this list counts.
     pending: Vec<(Cycles, Wire, Level)>,
     /// The wires that are in the file.
-    names: &'static [(Wire, &'static str)],
+    wires: Vec<Wire>,
     levels: Levels,
     written_to: Cycles,
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header and the levels at `start`, for a board with `outputs` outputs besides the
-    /// servo's.
-    pub fn new(out: W, start: Cycles, outputs: usize, levels: Levels) -> io::Result<Writer<W>> {
-        let names = &NAMES[..NAMES.len().min(WIRES_OF_EVERY_BOARD + outputs)];
+    /// Writes the header and the levels of `wires` at `start`.
+    pub fn new(out: W, start: Cycles, wires: &[Wire], levels: Levels) -> io::Result<Writer<W>> {
         let mut header = String::from(
             "$comment Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units. \
              $end\n$timescale 100 ps $end\n$scope module node $end\n",
         );
-        for (wire, name) in names {
+        for (wire, name) in NAMES.iter().filter(|(wire, _)| wires.contains(wire)) {
             header += &format!("$var wire 1 {} {name} $end\n", wire.code() as char);
         }
         header += &format!(
@@ -126,19 +124,22 @@ impl<W: Write> Writer<W> {
             start * UNITS_PER_CYCLE
         );
         let mut text = header.into_bytes();
-        for (wire, _) in names {
+        for wire in wires {
             text.extend([levels[*wire as usize].code(), wire.code(), b'\n']);
         }
         text.extend(b"$end\n");
+        let wires = wires.to_vec();
         let mut writer =
-            Writer { out, text, bytes: 0, pending: Vec::new(), names, levels, written_to: start };
+            Writer { out, text, bytes: 0, pending: Vec::new(), wires, levels, written_to: start };
         writer.flush()?;
         Ok(writer)
     }
 
-    /// Adds a change.
+    /// Adds a change, if the wire is in the file.
     pub fn change(&mut self, at: Cycles, wire: Wire, level: impl Into<Level>) {
-        self.pending.push((at, wire, level.into()));
+        if self.wires.contains(&wire) {
+            self.pending.push((at, wire, level.into()));
+        }
     }
 
     /// Drops the changes of a wire from `at` on, which did not happen.
@@ -172,7 +173,7 @@ impl<W: Write> Writer<W> {
         debug_assert!(at >= self.written_to, "a change at {at} after {}", self.written_to);
         self.written_to = self.written_to.max(at);
         self.write_time(self.written_to);
-        for (wire, _) in self.names {
+        for wire in &self.wires {
             let level = self.levels[*wire as usize];
             if level != before[*wire as usize] {
                 self.text.extend([level.code(), wire.code(), b'\n']);
@@ -225,6 +226,11 @@ mod tests {
 
     const IDLE: Levels = [Level::High; NAMES.len()];
 
+    /// The wires of a board with `outputs` outputs besides the servo's.
+    fn wires(outputs: usize) -> Vec<Wire> {
+        NAMES.iter().map(|(wire, _)| *wire).take(WIRES_OF_EVERY_BOARD + outputs).collect()
+    }
+
     /// The text after the header.
     fn body(out: &[u8]) -> String {
         let text = String::from_utf8(out.to_vec()).unwrap();
@@ -234,7 +240,7 @@ mod tests {
     #[test]
     fn a_change_at_the_end_is_in_the_file_and_a_later_one_is_not() {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
         writer.change(100, Wire::Cs, false);
         writer.change(101, Wire::Cs, true);
         writer.finish(100).unwrap();
@@ -245,7 +251,7 @@ mod tests {
     #[test]
     fn the_header_names_each_wire_and_its_first_level() {
         let mut out = Vec::new();
-        Writer::new(&mut out, 16, 0, IDLE).unwrap();
+        Writer::new(&mut out, 16, &wires(0), IDLE).unwrap();
         let text = String::from_utf8(out).unwrap();
         assert!(text.contains("$timescale 100 ps $end\n"), "{text}");
         assert!(text.contains("$var wire 1 ! CAN $end\n$var wire 1 \" CS $end\n"), "{text}");
@@ -257,12 +263,12 @@ mod tests {
     fn the_file_has_the_outputs_of_the_board() {
         for (outputs, last) in [(1, "OUT2"), (7, "OUT8"), (9, "OUT8")] {
             let mut out = Vec::new();
-            Writer::new(&mut out, 0, outputs, IDLE).unwrap();
+            Writer::new(&mut out, 0, &wires(outputs), IDLE).unwrap();
             let text = String::from_utf8(out).unwrap();
             assert!(text.contains(&format!(" {last} $end\n$upscope")), "{text}");
         }
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, 7, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, &wires(7), IDLE).unwrap();
         writer.change(2, Wire::Out8, false);
         writer.finish(3).unwrap();
         drop(writer);
@@ -272,7 +278,7 @@ mod tests {
     #[test]
     fn changes_are_written_in_the_order_of_their_times_up_to_the_safe_time() {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
         writer.change(30, Wire::Can, false);
         writer.change(10, Wire::Cs, false);
         writer.advance(20).unwrap();
@@ -286,7 +292,7 @@ mod tests {
     #[test]
     fn changes_at_one_time_are_written_together_and_an_equal_level_is_not_written() {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
         writer.change(2, Wire::Miso, false);
         writer.change(2, Wire::Can, false);
         writer.change(2, Wire::Miso, Level::Floating);
@@ -299,7 +305,7 @@ mod tests {
     #[test]
     fn cut_changes_are_not_written() {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, 0, IDLE).unwrap();
+        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
         writer.change(2, Wire::Txd, false);
         writer.change(4, Wire::Txd, true);
         writer.change(5, Wire::Rxd, false);
