@@ -41,6 +41,11 @@ impl Overrides {
         (self.driven[port].get() & mask != 0).then(|| self.levels[port].get() & mask != 0)
     }
 
+    /// The pins of a port that compare units drive.
+    pub fn driven(&self, port: usize) -> u8 {
+        self.driven[port].get()
+    }
+
     /// Sets the level that a compare unit drives on a pin.
     pub fn set(&self, port: usize, bit: u8, level: Option<bool>) {
         set_bit(&self.driven[port], bit, level.is_some());
@@ -94,21 +99,25 @@ pub(super) fn port_index(port: char) -> usize {
 impl Drive {
     /// True if a pin is high.
     fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
-        if let Some(level) = self.overrides.level(port, bit) {
-            return level;
-        }
-        let pin_register = regs::pin_register(PORTS[port]);
-        let mask = 1 << bit;
-        let [pin, ddr, latch] =
-            [0, 1, 2].map(|offset| base.core.get(pin_register + offset) & mask != 0);
-        if ddr {
-            latch
-        } else if self.driven[port].get() & mask != 0 {
-            self.levels[port].get() & mask != 0
-        } else {
-            latch && base.core.get(regs::MCUCR) & regs::PUD == 0 || pin
-        }
+        self.all_levels(base, port) & 1 << bit != 0
     }
+
+    /// The levels of all pins of a port.
+    fn all_levels(&self, base: &Base, port: usize) -> u8 {
+        let pin_register = regs::pin_register(PORTS[port]);
+        let [pin, ddr, latch] = [0, 1, 2].map(|offset| base.core.get(pin_register + offset));
+        let has_pull_ups = base.core.get(regs::MCUCR) & regs::PUD == 0;
+        let undriven = if has_pull_ups { latch | pin } else { pin };
+        let inputs = choose(self.driven[port].get(), self.levels[port].get(), undriven);
+        let overrides = &self.overrides;
+        let levels = choose(ddr, latch, inputs);
+        choose(overrides.driven[port].get(), overrides.levels[port].get(), levels)
+    }
+}
+
+/// The bits of `a` where `mask` is one, else those of `b`.
+fn choose(mask: u8, a: u8, b: u8) -> u8 {
+    a & mask | b & !mask
 }
 
 impl Pins {
@@ -120,7 +129,7 @@ impl Pins {
 
     /// The levels of a port's pins: the value of PINx.
     pub fn levels(&self, base: &Base, port: usize) -> u8 {
-        (0..8).fold(0, |pins, bit| pins | u8::from(self.level(base, port, bit)) << bit)
+        self.drive.all_levels(base, port)
     }
 
     /// True if a pin is high.

@@ -208,6 +208,9 @@ impl Timers {
 
     /// Brings the timers up to date that drive pins of a port.
     pub fn advance_port(&self, base: &Base, port: usize, at: Cycles) {
+        if self.overrides.driven(port) == 0 {
+            return;
+        }
         for (n, layout) in LAYOUTS.iter().enumerate() {
             if layout
                 .pins

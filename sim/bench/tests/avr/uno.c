@@ -1,7 +1,7 @@
 /* A typical program for an Arduino Uno with a blue MCP2515 module: CS on D10, crystal of 8 MHz, 500 kbit/s. It sends a frame
  * each 100 ms, and a line on the serial port. It uses only avr-libc.
  * UBRR: baud rate register of the serial port. MODE: mode of the controller. SD_CARD: also sends bytes to another device on the
- * SPI, with its CS on D8. */
+ * SPI, with its CS on D8. INT_ON_D3: the controller's INT requests an interrupt, and the program waits for it on D3. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/delay.h>
@@ -13,6 +13,8 @@
 #define RTS_TXB0 0x81
 #define CANSTAT 0x0E
 #define CANCTRL 0x0F
+#define CANINTE 0x2B
+#define TX0IE 0x04
 #define CNF3 0x28
 #define CNF2 0x29
 #define CNF1 0x2A
@@ -29,6 +31,7 @@
 static volatile uint32_t milliseconds;
 
 ISR(TIMER0_COMPA_vect) { milliseconds++; }
+EMPTY_INTERRUPT(INT1_vect)
 
 static uint32_t millis(void)
 {
@@ -127,6 +130,11 @@ int main(void)
     write(CNF1, 0x00);
     write(CNF2, 0x90);
     write(CNF3, 0x82);
+#ifdef INT_ON_D3
+    write(CANINTE, TX0IE);
+    EICRA = _BV(ISC11);
+    EIMSK = _BV(INT1);
+#endif
     write(CANCTRL, MODE);
     while ((read(CANSTAT) & 0xE0) != MODE) { }
     serial("CAN started\n");
