@@ -5,7 +5,7 @@ use bench::Cycles;
 use std::fmt;
 use std::str::FromStr;
 
-pub use bench::fault::{ALL, Fault, MENU, table};
+pub use bench::fault::{ALL, Fault, table};
 
 /// A fault and its simulated time, "NAME@TIME" on the command line. If a lasting fault is named
 /// twice, it ends at the second time.

@@ -39,11 +39,8 @@ pub enum Fault {
     OtherDialect,
 }
 
-/// Faults of the menu, in the order of their digits.
-pub const MENU: [Fault; 9] = *ALL.first_chunk().expect("more faults than digits");
-
-/// All faults that `--inject` and scripts know. The menu's come first. Some have a key of their
-/// own, and some have no key.
+/// All faults that `--inject`, scripts and the live view know. The first nine have the digits 1 to
+/// 9 in its list of faults; some of the others have a key of their own.
 pub const ALL: [Fault; 30] = [
     Fault::BitError,
     Fault::ErrorRate,

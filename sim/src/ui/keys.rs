@@ -1,6 +1,6 @@
 //! Keys of the live view and what they do.
 
-use crate::fault::{Fault, MENU};
+use crate::fault::{ALL, Fault};
 use ratatui::crossterm::event::{KeyCode, KeyEvent, KeyEventKind, KeyModifiers};
 
 /// A list that is drawn over the rest of the screen.
@@ -45,6 +45,10 @@ pub enum Action {
     Scroll(i8),
     /// Shows the newest traffic again.
     ScrollEnd,
+    /// Removes the hint from the screen.
+    Acknowledge,
+    /// Stops the program, as other programs do at Ctrl-Z.
+    Suspend,
     Quit,
 }
 
@@ -59,18 +63,18 @@ pub const HELP: &[(&str, &str)] = &[
     ("d", "disarm the vehicle, or arm it"),
     ("o", "replace the autopilot by one of the other dialect"),
     ("f", "list of faults"),
-    ("1..9", "begin a fault of that list; the same digit ends it"),
+    ("1..9 A..P", "begin a fault of that list; the same key ends it"),
     ("x", "end all faults"),
     ("r", "press the board's reset button"),
-    ("l", "show the load of the bus by node and type, or the traffic"),
+    ("l", "show the load by node and type, or the traffic"),
     ("/", "list of message types, to hide and show them:"),
     ("up down", "  choose a type"),
     ("space Enter", "  hide or show the type; show all types"),
     ("p space", "pause and resume simulated time"),
     ("PgUp PgDn End", "scroll the bus traffic; End shows the newest"),
-    ("Esc", "close the list or the load"),
-    ("h ?", "show this help"),
-    ("q Ctrl-C", "quit"),
+    ("k", "acknowledge the hint on the screen"),
+    ("h ? Esc", "show this help; close the list or the load"),
+    ("q Ctrl-C Ctrl-Z", "quit; Ctrl-Z: until the shell's fg"),
 ];
 
 /// Hundredths of full deflection for each arrow key, without and with shift.
@@ -85,7 +89,11 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     }
     let step = if key.modifiers.contains(KeyModifiers::SHIFT) { FAST_STEP } else { STEP };
     if key.modifiers.contains(KeyModifiers::CONTROL) {
-        return (key.code == KeyCode::Char('c')).then_some(Action::Quit);
+        return match key.code {
+            KeyCode::Char('c') => Some(Action::Quit),
+            KeyCode::Char('z') => Some(Action::Suspend),
+            _ => None,
+        };
     }
     let in_types = popup == Some(Popup::Types);
     Some(match key.code {
@@ -100,9 +108,13 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
         KeyCode::Char(' ') if in_types => Action::ToggleType,
         KeyCode::Enter if in_types => Action::ShowAllTypes,
         KeyCode::Char(digit @ '1'..='9') => {
-            let fault = *MENU.get(digit as usize - '1' as usize)?;
+            let fault = *ALL.get(digit as usize - '1' as usize)?;
             if popup == Some(Popup::Faults) { Action::Inject(fault) } else { Action::End(fault) }
         }
+        KeyCode::Char(letter @ 'A'..='P') if popup == Some(Popup::Faults) => {
+            Action::Inject(lettered().find(|(known, _)| *known == letter)?.1)
+        }
+        KeyCode::Char('k') => Action::Acknowledge,
         KeyCode::Char('x') => Action::EndAll,
         KeyCode::Char('/') => Action::Toggle(Popup::Types),
         KeyCode::Char('s') => Action::ToggleSweep,
@@ -123,8 +135,20 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
     })
 }
 
-/// The key that begins and ends `fault`; `None` if it has no key. A digit begins its fault only in
-/// the list of faults.
+/// The faults without a digit and without a key of their own, with their letters in the list of
+/// faults.
+fn lettered() -> impl Iterator<Item = (char, Fault)> {
+    let has_own_key = |fault: &Fault| {
+        matches!(
+            fault,
+            Fault::Cable | Fault::Silence | Fault::Disarm | Fault::Reset | Fault::OtherDialect
+        )
+    };
+    ('A'..='P').zip(ALL.into_iter().skip(9).filter(move |fault| !has_own_key(fault)))
+}
+
+/// The key that begins and ends `fault`. A digit or a capital letter begins its fault only in the
+/// list of faults.
 pub fn key_of(fault: Fault) -> Option<char> {
     let begins = |key: &char| {
         let key = KeyEvent::new(KeyCode::Char(*key), KeyModifiers::NONE);
@@ -180,8 +204,9 @@ mod tests {
 
     #[test]
     fn control_c_quits_and_does_not_pull_the_cable() {
-        let key = KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL);
-        assert_eq!(action(key, None), Some(Action::Quit));
+        let key = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
+        assert_eq!(action(key('c'), None), Some(Action::Quit));
+        assert_eq!(action(key('z'), Some(Popup::Help)), Some(Action::Suspend));
     }
 
     #[test]
@@ -224,8 +249,21 @@ mod tests {
         );
         assert_eq!(
             (key("bit-error"), key("stuck-dominant"), key("error-storm")),
-            (Some('1'), Some('5'), None)
+            (Some('1'), Some('5'), Some('A'))
         );
+        let mut keys: Vec<char> = ALL.into_iter().map(|fault| key_of(fault).unwrap()).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), ALL.len(), "each fault has its own key");
+    }
+
+    #[test]
+    fn a_capital_letter_begins_a_fault_only_in_the_list() {
+        let letter = KeyCode::Char('A');
+        let storm = Some(Action::Inject(Fault::ErrorStorm));
+        assert_eq!(press_in(Some(Popup::Faults), letter), storm);
+        assert_eq!((press(letter), press(KeyCode::Char('T'))), (None, Some(Action::Warm(1))));
+        assert_eq!(press_in(Some(Popup::Faults), KeyCode::Char('Z')), None);
     }
 
     /// Some terminals report a key twice, when it is pressed and when it is released.
@@ -251,6 +289,12 @@ mod tests {
                 "End" => KeyCode::End,
                 "Esc" => KeyCode::Esc,
                 "Ctrl-C" => return vec![KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL)],
+                "Ctrl-Z" => return vec![KeyEvent::new(KeyCode::Char('z'), KeyModifiers::CONTROL)],
+                "A..P" => {
+                    return ('A'..='P')
+                        .map(|letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::NONE))
+                        .collect();
+                }
                 "1..9" => {
                     return ('1'..='9')
                         .map(|digit| KeyEvent::new(KeyCode::Char(digit), KeyModifiers::NONE))

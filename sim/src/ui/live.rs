@@ -37,6 +37,8 @@ const DIAL_FROM_ROWS: u16 = 40;
 const BUS_ROWS: u16 = 4;
 /// Lines for the conditions of the vendor-specific status code, at most.
 const CONDITION_ROWS: usize = 2;
+/// Lines for a hint, at most.
+const HINT_ROWS: usize = 3;
 /// Lines for the faults that are on, at most.
 const FAULT_ROWS: usize = 2;
 /// Lines for the links, at most, on a small and on a larger terminal.
@@ -66,7 +68,8 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
     let further_row = u16::from(!state.output_widths().is_empty() || state.circuit.is_some());
     let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + further_row + BUS_ROWS };
     let columns = usize::from(area.width);
-    let mut note_lines = condition_lines(state, columns);
+    let mut note_lines = hint_lines(state, screen, columns);
+    note_lines.extend(condition_lines(state, columns));
     note_lines.extend(fault_lines(state, columns));
     let note_rows = note_lines.len() as u16;
     // On a small terminal the notes take lines from the links, so that the lists keep a useful
@@ -164,6 +167,19 @@ fn dialect_note(dialect: Dialect) -> &'static str {
         Dialect::V0 => "",
         Dialect::Draft => " (draft)",
     }
+}
+
+/// The oldest hint that was not acknowledged, and the number of the others.
+fn hint_lines(state: &State, screen: &Screen, columns: usize) -> Vec<Line<'static>> {
+    let mut waiting = state.notices().skip(screen.acknowledged);
+    let Some(hint) = waiting.next() else { return Vec::new() };
+    let more = match waiting.count() {
+        0 => String::new(),
+        count => format!(", {count} more"),
+    };
+    let words = hint.split(' ').map(|word| Line::styled(format!(" {word}"), WARN)).collect();
+    let lead = Line::styled(format!(" HINT (k: seen{more}):"), WARN.reversed());
+    wrapped(lead, words, columns, HINT_ROWS)
 }
 
 /// The conditions in the vendor-specific status code, if the program is this project's.
@@ -404,17 +420,22 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
                 Health::Error | Health::Critical => BAD,
             };
             let age = seconds(state.now.saturating_sub(at));
-            let age_text = format!("  heard {age:.1} s ago");
-            vec![
-                Line::from(vec![
+            let first = match state.silent_for() {
+                Some(_) => vec![
+                    Span::styled(format!("SILENT for {age:.1} s"), BAD),
+                    Span::from(format!(" ({} {})", status.health, status.mode)),
+                ],
+                None => vec![
                     Span::styled(status.health.to_string(), style),
                     Span::from(format!(" {}  uptime {} s", status.mode, status.uptime_s)),
-                ]),
-                Line::from(vec![
-                    Span::from(format!("vendor code {:#06X}", status.vendor_code)),
-                    // Both dialects define a node as offline after 3 s without NodeStatus.
-                    Span::styled(age_text, if age > 3.0 { BAD } else { Style::new() }),
-                ]),
+                ],
+            };
+            vec![
+                Line::from(first),
+                Line::from(format!(
+                    "vendor code {:#06X}  heard {age:.1} s ago",
+                    status.vendor_code
+                )),
             ]
         }
         None => vec![Line::styled("no NodeStatus yet", WARN), Line::default()],

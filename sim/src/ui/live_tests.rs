@@ -313,7 +313,9 @@ fn the_footer_of_a_wide_terminal_names_every_key() {
     let wide = foot(160);
     let aliases = [("left", "←"), ("right", "→"), ("t", "tT"), ("T", "tT")];
     // Keys that the lists themselves name, and second names of keys.
-    let elsewhere = ["1..9", "up", "down", "space", "Enter", "PgDn", "End", "?", "Ctrl-C"];
+    let elsewhere = [
+        "1..9", "A..P", "up", "down", "space", "Enter", "PgDn", "End", "?", "Ctrl-C", "Ctrl-Z", "k",
+    ];
     for key in keys::HELP
         .iter()
         .flat_map(|(keys, _)| keys.split(' '))
@@ -448,4 +450,49 @@ fn the_circuit_is_shown_after_the_first_circuit_status() {
     }
     send(&mut state, [0xFF, 0x7F], 0);
     shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["circuit 12.60 V  - A "]);
+}
+
+#[test]
+fn a_hint_stays_on_the_screen_until_it_is_acknowledged() {
+    let mut state = at_work();
+    let hint = "the node is at 500 kbit/s, the bus at 1000 kbit/s: each gets only errors from \
+                the other. Set the program's bit rate, its crystal (--crystal), or the bus \
+                (--bit-rate)";
+    state.add_hint(0, String::from(hint));
+    state.add_unmodelled(0, "the TWI (I2C): no device is on its bus");
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
+        let mut screen = Screen::default();
+        let picture = drawn(&state, &screen, columns, rows);
+        shows(&picture, &["HINT (k: seen, 1 more): the node is at 500 kbit/s", "(--bit-rate)"]);
+        shows(&picture, VALUES);
+        screen.acknowledged = 1;
+        let picture = drawn(&state, &screen, columns, rows);
+        shows(&picture, &["HINT (k: seen): not modelled exactly: the TWI (I2C)"]);
+        screen.acknowledged = 2;
+        assert!(!drawn(&state, &screen, columns, rows).contains("HINT"));
+    }
+}
+
+#[test]
+fn a_silent_node_is_not_called_ok() {
+    let mut state = at_work();
+    shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["OK OPERATIONAL"]);
+    state.advance_to(19 * SECOND + 2_000);
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["SILENT for 8.0 s (OK OPERATIONAL)"]);
+    assert!(!picture.contains("│OK"), "{picture}");
+}
+
+#[test]
+fn the_list_of_faults_has_every_fault_with_its_key() {
+    let screen = Screen { popup: Some(Popup::Faults), ..Screen::default() };
+    let mut state = at_work();
+    state.active_faults.push(Fault::SensorShort);
+    let picture = drawn(&state, &screen, COLUMNS_MIN, ROWS_MIN);
+    for fault in crate::fault::ALL {
+        let key = keys::key_of(fault).unwrap();
+        let marks = ["   ", "off", "on "].map(|mark| format!(" {key} {mark} {fault} "));
+        assert!(marks.iter().any(|cell| picture.contains(cell)), "{fault} {key}\n{picture}");
+    }
+    shows(&picture, &[&format!("{} on  sensor-short", keys::key_of(Fault::SensorShort).unwrap())]);
 }

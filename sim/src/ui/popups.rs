@@ -4,7 +4,7 @@ use super::keys::{self, Popup};
 use super::screen::Screen;
 use super::state::State;
 use super::styles::{BAD, DIM, WARN};
-use crate::fault::{Fault, MENU};
+use crate::fault::{ALL, Fault};
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Rect};
 use ratatui::style::{Style, Stylize};
@@ -13,6 +13,10 @@ use ratatui::widgets::{Block, Clear, Paragraph};
 
 /// Most lines in the list of types.
 const TYPE_LINES: usize = 20;
+/// Faults with a digit as their key.
+const DIGITS: usize = 9;
+/// Columns of the list for the other faults.
+const FAULT_COLUMNS: usize = 3;
 /// Rows of the border of a list.
 const BORDER_ROWS: usize = 2;
 
@@ -27,24 +31,29 @@ pub fn draw(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
 }
 
 fn draw_faults(frame: &mut Frame<'_>, area: Rect, state: &State) {
-    let line = |(index, fault): (usize, Fault)| {
-        let is_on = state.active_faults.contains(&fault);
+    let cell = |fault: &Fault| {
+        let is_on = state.active_faults.contains(fault);
         let (mark, style) = match (is_on, fault.lasts()) {
             (true, _) => ("on ", BAD),
             (false, true) => ("off", Style::new()),
             (false, false) => ("", Style::new()),
         };
-        Line::from(vec![
-            Span::from(format!(" {} ", index + 1)).bold(),
-            Span::styled(format!("{mark:3} {fault:15}"), style),
-            Span::styled(
-                fault.explanation().trim_end_matches(" (on/off)"),
-                if is_on { style } else { DIM },
-            ),
-        ])
+        let key = keys::key_of(*fault).map_or(' ', |key| key);
+        [Span::from(format!(" {key} ")).bold(), Span::styled(format!("{mark:3} {fault:15}"), style)]
     };
-    let lines = MENU.into_iter().enumerate().map(line).collect();
-    popup(frame, area, " Faults: 1 to 9 begin or end one, x ends all, Esc closes ", lines, 76);
+    // The faults with a digit with their explanations; the others in columns.
+    let (digits, others) = ALL.split_at(DIGITS);
+    let mut lines: Vec<Line<'_>> = digits
+        .iter()
+        .map(|fault| {
+            let text = fault.explanation().trim_end_matches(" (on/off)");
+            let explanation = Span::styled(text, DIM);
+            Line::from_iter(cell(fault).into_iter().chain([explanation]))
+        })
+        .collect();
+    lines
+        .extend(others.chunks(FAULT_COLUMNS).map(|row| Line::from_iter(row.iter().flat_map(cell))));
+    popup(frame, area, " Faults: a key begins or ends one, x ends all, Esc closes ", lines, 76);
 }
 
 fn draw_types(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
@@ -74,7 +83,7 @@ fn draw_types(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen)
 
 fn draw_help(frame: &mut Frame<'_>, area: Rect) {
     let line = |(keys, text): &(&'static str, &'static str)| {
-        Line::from(vec![Span::from(format!(" {keys:14}")).bold(), Span::from(*text)])
+        Line::from(vec![Span::from(format!(" {keys:16}")).bold(), Span::from(*text)])
     };
     let mut lines: Vec<_> = keys::HELP.iter().map(line).collect();
     lines.push(Line::styled(

@@ -15,8 +15,12 @@ use super::screen::Screen;
 use anyhow::{Context, Result};
 use bench::{Cycles, F_CPU_HZ};
 use ratatui::DefaultTerminal;
+use ratatui::backend::CrosstermBackend;
 use ratatui::crossterm::event::{self, Event};
+use ratatui::crossterm::execute;
+use ratatui::crossterm::terminal::{Clear, ClearType, EnterAlternateScreen, enable_raw_mode};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::process::{Signal, kill_current_process_group};
 use std::fs::File;
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::{AsFd, OwnedFd};
@@ -200,6 +204,17 @@ fn live_loop(
             match keys::action(key, screen.popup) {
                 None => {}
                 Some(Action::Quit) => break 'run,
+                Some(Action::Suspend) => {
+                    let before = clock.started.elapsed();
+                    suspend(&mut terminal)?;
+                    // The end of a pause counts all the time since its beginning.
+                    if !screen.is_paused {
+                        let now = clock.started.elapsed();
+                        clock.pace.resume(scene.now(), now - before, now);
+                    }
+                    next_slice = Instant::now();
+                    next_picture = next_slice;
+                }
                 Some(Action::TogglePause) => {
                     screen.is_paused = !screen.is_paused;
                     if screen.is_paused {
@@ -214,6 +229,25 @@ fn live_loop(
         }
     }
     Ok(clock.average())
+}
+
+/// Stops this program and the rest of its job, such as `make sim`, until the shell continues them.
+/// Meanwhile the terminal is as it was before.
+fn suspend(terminal: &mut DefaultTerminal) -> Result<()> {
+    terminal.show_cursor().context("cannot draw on the terminal")?;
+    ratatui::try_restore().context("cannot restore the terminal")?;
+    // Linux delivers the signal to the main thread, this one, before the call returns. Without a
+    // shell that could continue the job, Linux ignores it.
+    kill_current_process_group(Signal::TSTP).context("cannot stop")?;
+    // The program goes on here.
+    enable_raw_mode().context("cannot use this terminal")?;
+    execute!(io::stdout(), EnterAlternateScreen, Clear(ClearType::All))
+        .context("cannot draw on the terminal")?;
+    // A new one draws every cell. `Terminal::clear` would ask the terminal for its cursor, and wait
+    // for the answer.
+    *terminal = DefaultTerminal::new(CrosstermBackend::new(io::stdout()))
+        .context("cannot use this terminal")?;
+    Ok(())
 }
 
 /// State of the terminal's input.
@@ -293,6 +327,10 @@ fn apply(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
         Action::Inject(fault) => scene.inject(fault),
         Action::End(fault) => scene.end(fault),
         Action::EndAll => scene.end_all(),
+        Action::Acknowledge => {
+            let hints = scene.state().notices().count();
+            screen.acknowledged = (screen.acknowledged + 1).min(hints);
+        }
         action => screen.apply(action, &scene.state().traffic, page),
     }
 }

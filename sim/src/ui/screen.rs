@@ -19,6 +19,8 @@ pub struct Screen {
     pub hidden: Hidden,
     /// Index of the type under the cursor of [`Popup::Types`].
     pub selected: usize,
+    /// Number of the hints that were acknowledged.
+    pub acknowledged: usize,
     pub speed: Measured,
 }
 

@@ -29,6 +29,8 @@ const RATE_WINDOW: Cycles = F_CPU_HZ;
 const SERIAL_LINE_MAX: usize = 200;
 /// A PWM output without a pulse for this long is off. Usual servo periods are 20 ms or less.
 const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
+/// OFFLINE_TIMEOUT_MS of NodeStatus, in v0 and in the draft.
+const OFFLINE_AFTER: Cycles = 3 * F_CPU_HZ;
 /// Intermission between two frames (ISO 11898-1): part of the load, because no frame can use it.
 const INTERMISSION_BITS: u32 = 3;
 
@@ -225,6 +227,8 @@ pub struct State {
     pub mistakes: Mistakes,
     /// Probable errors in the program or in its settings, each once, the first `HINTS_MAX`.
     pub hints: Vec<String>,
+    /// What the program used of the processor that is not modelled exactly, each once.
+    pub unmodelled: Vec<String>,
     /// Frames that the node lost, the first `LOST_FRAMES_MAX`.
     pub lost_frames: Vec<(Cycles, Frame)>,
     /// Frames that passed the node's filters, including lost ones.
@@ -377,6 +381,40 @@ impl State {
             self.resets.push((at, cause.clone()));
         }
         self.report(at, Event::Reset(format!("the AVR was reset: {cause}")));
+    }
+
+    /// Adds a feature of the processor that the program uses and that is not modelled exactly.
+    /// Reports each once.
+    pub fn add_unmodelled(&mut self, at: Cycles, text: &str) {
+        if !self.unmodelled.iter().any(|known| known == text) {
+            self.unmodelled.push(text.to_owned());
+            let hint = format!("not modelled exactly: {text} (docs/peripherals.md)");
+            self.report(at, Event::Hint(hint));
+        }
+    }
+
+    /// Adds a start of the program that no reset caused.
+    pub fn add_jump(&mut self, at: Cycles) {
+        self.resets_total += 1;
+        if self.resets.len() < RESETS_MAX {
+            self.resets.push((at, String::from("Jump")));
+        }
+        let text =
+            "the program jumped to its start without a reset: its registers keep their values";
+        self.report(at, Event::Reset(String::from(text)));
+    }
+
+    /// The hints and the features that are not modelled exactly, in the words of the screen.
+    pub fn notices(&self) -> impl Iterator<Item = String> {
+        let unmodelled = self.unmodelled.iter().map(|text| format!("not modelled exactly: {text}"));
+        self.hints.iter().cloned().chain(unmodelled)
+    }
+
+    /// Time since the node's last NodeStatus, if it is longer than 3 s. Both dialects define such a
+    /// node as offline.
+    pub fn silent_for(&self) -> Option<Cycles> {
+        let (at, _, _) = self.status?;
+        Some(self.now.saturating_sub(at)).filter(|age| *age > OFFLINE_AFTER)
     }
 
     /// Reports that the node's program crashed. Later calls change nothing.
