@@ -10,9 +10,10 @@ use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use sim::ui::args::{Args, Command};
 use sim::ui::plain::summary;
-use sim::ui::report::{Outcome, Report};
+use sim::ui::report::Report;
 use sim::ui::run;
 use sim::ui::scene::Scene;
+use sim::ui::terminal;
 use sim::usage::{OrUsage, is_usage};
 use std::fs;
 use std::io::{self, IsTerminal, Write};
@@ -47,19 +48,24 @@ fn run(args: &Args) -> Result<ExitCode> {
         bus_load::run(args, io::stdout().lock()).or_usage()?;
         return Ok(ExitCode::SUCCESS);
     }
+    args.check().or_usage()?;
     let stop = stop_on_signals()?;
     let mut scene = Scene::new(args)?;
-    if args.plain || !io::stdout().is_terminal() {
+    if args.plain || !io::stdout().is_terminal() || !terminal::can_show_pictures() {
         run::plain(&mut scene, args, &stop, io::stdout().lock())?;
     } else {
         let speed = run::live(&mut scene, args, &stop)?;
         io::stdout().write_all(summary(scene.state(), speed).as_bytes())?;
     }
     if let Some(path) = &args.json {
-        let json = Report::new(scene.state()).to_json();
+        let json = Report::new(scene.state(), args.judgement()).to_json();
         fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
     }
-    Ok(print_failure(&scene))
+    let (code, reason) = args.judgement().exit(scene.state());
+    if let Some(reason) = reason {
+        eprintln!("sim: {reason}");
+    }
+    Ok(code)
 }
 
 /// Returns a flag that signals set. The run then ends between two slices, so that it restores the
@@ -81,18 +87,6 @@ fn stop_on_signals() -> Result<Arc<AtomicBool>> {
         }
     });
     Ok(stop)
-}
-
-/// Prints the crash or the first mistake of the node, and returns the exit code of the run.
-fn print_failure(scene: &Scene) -> ExitCode {
-    let state = scene.state();
-    if let Some(crash) = &state.crash {
-        eprintln!("sim: the node crashed: {crash}");
-    } else if let Some(first) = state.mistakes.kinds().first() {
-        let count = state.mistakes.total();
-        eprintln!("sim: the node's program made {count} mistakes, the first: {}", first.text);
-    }
-    Outcome::of(state).into()
 }
 
 fn is_broken_pipe(error: &anyhow::Error) -> bool {

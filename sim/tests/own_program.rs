@@ -4,14 +4,16 @@
 mod links;
 
 use std::fs::{self, File};
-use std::io::Read;
+use std::io::{Read, Write};
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
 use links::{Scratch, elf, elf_for, elf_with};
+use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{Winsize, tcsetwinsize};
+use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 
 /// The options of docs/bench.md for an Uno with a blue module.
 const UNO: [&str; 8] = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "8"];
@@ -280,32 +282,180 @@ fn the_exit_code_is_2_for_a_wrong_command_line_and_3_for_an_error_of_the_compute
     assert_eq!((elf(Path::new("/nowhere/elf")), elf(Path::new(text))), (Some(3), Some(2)));
 }
 
+/// A build that sends nothing must not pass.
+#[test]
+fn a_strict_run_fails_for_a_program_that_does_not_work() {
+    let scratch = Scratch::new();
+    let uno = || elf_for(&scratch, "uno", "atmega328p");
+    let strict = |program: &Path, options: &[&str]| {
+        let (text, result, code) = result(&scratch, program, &[options, &["--strict"]].concat());
+        let findings: Vec<String> = serde_json::from_value(result["findings"].clone()).unwrap();
+        assert_eq!(result["exit_code"].as_i64(), code.map(i64::from), "{text}");
+        (code, result["outcome"].as_str().unwrap().to_owned(), findings)
+    };
+    let found = |code, outcome: &str, findings: &[&str]| {
+        let findings = findings.iter().map(|finding| (*finding).to_owned()).collect::<Vec<_>>();
+        (Some(code), outcome.to_owned(), findings)
+    };
+    assert_eq!(strict(&uno(), &UNO), found(0, "well", &[]));
+    // The wrong crystal.
+    let wrong = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "16"];
+    let expected = found(1, "never_sent", &["never_sent", "hints"]);
+    assert_eq!(strict(&uno(), &[&wrong[..], &["--bit-rate", "500000"]].concat()), expected);
+    assert_eq!(strict(&elf(&scratch, "spin"), &[]), found(1, "never_sent", &["never_sent"]));
+    let expected = found(1, "restarted", &["restarted", "never_sent"]);
+    assert_eq!(strict(&elf(&scratch, "watchdog"), &[]), expected);
+    let jump = elf_with(&scratch, "features", "atmega168", &["FEATURE=DDRB=1", "JUMP"]);
+    assert_eq!(strict(&jump, &[]), expected);
+    let without = sim(&jump, &[]);
+    assert_eq!(without.status.code(), Some(0));
+    let text = String::from_utf8_lossy(&without.stdout).into_owned();
+    assert!(text.contains("the program jumped to its start without a reset"), "{text}");
+}
+
+#[test]
+fn what_is_not_modelled_is_reported_with_the_exit_code_of_the_option() {
+    let scratch = Scratch::new();
+    let program = elf_with(&scratch, "features", "atmega168", &["FEATURE=TWCR=1<<TWEN,CLKPR=0"]);
+    for (options, expected) in
+        [(&[][..], 0), (&["--unmodelled-exit", "4"], 4), (&["--unmodelled-exit", "0"], 0)]
+    {
+        let (text, result, code) = result(&scratch, &program, options);
+        assert_eq!(code, Some(expected), "{text}");
+        assert_eq!(text.matches("HINT    not modelled exactly: the TWI").count(), 1, "{text}");
+        assert_eq!(result["unmodelled"].as_array().unwrap().len(), 1, "{result}");
+        let outcome = if expected == 0 { "well" } else { "unmodelled" };
+        assert_eq!(result["outcome"], outcome);
+    }
+}
+
+#[test]
+fn there_is_a_hint_for_an_int_on_another_pin() {
+    let scratch = Scratch::new();
+    let program = elf_with(&scratch, "uno", "atmega328p", &["INT_ON_D3"]);
+    let (text, ..) = result(&scratch, &program, &UNO);
+    let expected = "HINT    INT of the MCP2515 (D2) is low, but the program has never looked at \
+                    that pin, only at PD3";
+    assert_eq!(text.matches(expected).count(), 1, "{text}");
+    let right = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D3", "--crystal", "8"];
+    let (text, ..) = result(&scratch, &program, &right);
+    assert!(!text.contains("HINT"), "{text}");
+    // Without an interrupt a program can ask the controller over the SPI.
+    let (text, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
+    assert!(!text.contains("HINT"), "{text}");
+}
+
+#[test]
+fn a_fault_after_the_end_of_the_run_is_refused() {
+    let scratch = Scratch::new();
+    let output = sim(&elf(&scratch, "spin"), &["--inject", "cable@2s"]);
+    assert_eq!(output.status.code(), Some(2));
+    let error = error_text(&output);
+    assert!(error.contains("--inject cable@2s: the run ends before, at 1 s (--for)"), "{error}");
+}
+
+#[test]
+fn a_recording_of_some_signals_has_no_others() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let file = scratch.path("wires.vcd");
+    let bytes = |signals: &[&str]| {
+        let options = [&UNO[..], &["--vcd", file.to_str().unwrap()], signals].concat();
+        lines(&sim(&program, &options));
+        fs::read_to_string(&file).unwrap()
+    };
+    let (all, can) = (bytes(&[]), bytes(&["--vcd-signals", "can,INT"]));
+    assert!(all.contains(" SCK ") && can.contains(" CAN ") && can.contains(" INT "));
+    assert!(!can.contains(" SCK ") && can.len() < all.len() / 3, "{} {}", can.len(), all.len());
+    let error = error_text(&sim(&program, &["--vcd", "x", "--vcd-signals", "MISO,BUS"]));
+    assert!(error.contains("no signal is called \"BUS\": use CAN, "), "{error}");
+}
+
+/// A pseudo-terminal of 100 by 30: the end of the test, and that of the program.
+fn terminal() -> (File, File) {
+    let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&terminal).and_then(|()| unlockpt(&terminal)).unwrap();
+    let name = ptsname(&terminal, Vec::new()).unwrap();
+    let slave = File::options().read(true).write(true).open(name.to_str().unwrap()).unwrap();
+    let size = Winsize { ws_row: 30, ws_col: 100, ws_xpixel: 0, ws_ypixel: 0 };
+    tcsetwinsize(&slave, size).unwrap();
+    (File::from(terminal), slave)
+}
+
+/// `sim` without options on a terminal, with the variables of a usual one.
+fn on_terminal(program: &Path, slave: File) -> Command {
+    let mut sim = Command::new(env!("CARGO_BIN_EXE_sim"));
+    sim.args(["--no-autopilot", "--elf"]).arg(program).args(UNO);
+    sim.env("TERM", "xterm").env("LC_ALL", "C.UTF-8").env_remove("NO_COLOR");
+    sim.stdin(slave.try_clone().unwrap()).stdout(slave.try_clone().unwrap()).stderr(slave);
+    sim
+}
+
+/// Reads until the text of the terminal contains `part`.
+fn read_until(terminal: &mut File, part: &str) -> String {
+    let mut shown: Vec<u8> = Vec::new();
+    while !String::from_utf8_lossy(&shown).contains(part) {
+        let mut bytes = [0; 4096];
+        let count = terminal.read(&mut bytes).unwrap();
+        shown.extend(&bytes[..count]);
+    }
+    String::from_utf8_lossy(&shown).into_owned()
+}
+
+const ESCAPE: char = '\u{1b}';
+
+#[test]
+fn a_terminal_without_colours_or_utf8_gets_lines() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    for (name, value) in [("TERM", "dumb"), ("NO_COLOR", "1"), ("LC_ALL", "C"), ("A", "b")] {
+        let (mut terminal, slave) = terminal();
+        let mut child = on_terminal(&program, slave).env(name, value).spawn().unwrap();
+        let shown = read_until(&mut terminal, "MCP2515");
+        assert_eq!(shown.contains(ESCAPE), name == "A", "{name}: {shown}");
+        child.kill().unwrap();
+        child.wait().unwrap();
+    }
+}
+
+/// Ctrl-Z gives the terminal back, and after SIGCONT the whole picture is drawn again, each time.
+#[test]
+fn control_z_stops_the_live_view_and_a_continued_one_draws_again() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let (mut terminal, slave) = terminal();
+    let modes = slave.try_clone().unwrap();
+    let is_raw = || !tcgetattr(&modes).unwrap().local_modes.contains(LocalModes::ICANON);
+    // A job of its own, as of a shell: the signal stops all processes of the job.
+    let mut child = on_terminal(&program, slave).process_group(0).spawn().unwrap();
+    let pid = Pid::from_child(&child);
+    read_until(&mut terminal, "MCP2515");
+    for _ in 0..2 {
+        assert!(is_raw());
+        terminal.write_all(b"\x1a").unwrap();
+        let shown = read_until(&mut terminal, "\u{1b}[?1049l");
+        assert!(shown.contains("\u{1b}[?25h"), "the cursor is visible");
+        let (_, status) = waitpid(Some(pid), WaitOptions::UNTRACED).unwrap().unwrap();
+        assert_eq!(status.stopping_signal(), Some(Signal::TSTP.as_raw()));
+        assert!(!is_raw());
+        kill_process(pid, Signal::CONT).unwrap();
+        let shown = read_until(&mut terminal, "MCP2515");
+        assert!(shown.contains("\u{1b}[?1049h"), "{shown}");
+    }
+    terminal.write_all(b"q").unwrap();
+    read_until(&mut terminal, "simulated");
+    assert!(child.wait().unwrap().success());
+}
+
 /// When its window is closed, a simulator must not run for ever.
 #[test]
 fn a_live_view_ends_when_its_terminal_is_closed() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
     for _ in 0..5 {
-        let terminal =
-            openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
-        grantpt(&terminal).and_then(|()| unlockpt(&terminal)).unwrap();
-        let name = ptsname(&terminal, Vec::new()).unwrap();
-        let slave = File::options().read(true).write(true).open(name.to_str().unwrap()).unwrap();
-        let size = Winsize { ws_row: 30, ws_col: 100, ws_xpixel: 0, ws_ypixel: 0 };
-        tcsetwinsize(&slave, size).unwrap();
-        let mut sim = Command::new(env!("CARGO_BIN_EXE_sim"));
-        sim.args(["--no-autopilot", "--elf"]).arg(&program).args(UNO);
-        sim.stdin(slave.try_clone().unwrap()).stdout(slave.try_clone().unwrap()).stderr(slave);
-        let mut child = sim.spawn().unwrap();
-        drop(sim);
-        // Waits for the first picture.
-        let mut terminal = File::from(terminal);
-        let mut shown: Vec<u8> = Vec::new();
-        while !shown.windows(7).any(|text| text == b"MCP2515") {
-            let mut bytes = [0; 4096];
-            let count = terminal.read(&mut bytes).unwrap();
-            shown.extend(&bytes[..count]);
-        }
+        let (mut terminal, slave) = terminal();
+        let mut child = on_terminal(&program, slave).spawn().unwrap();
+        read_until(&mut terminal, "MCP2515");
         drop(terminal);
         let start = Instant::now();
         while child.try_wait().unwrap().is_none() {

@@ -2,11 +2,12 @@
 
 use super::keys;
 use super::pace::Speed;
+use super::report::Judgement;
 use super::wires;
 use crate::fault::{self, Injection};
 use crate::links::{self, script::millivolts};
-use crate::time::parse_duration;
-use anyhow::{Result, ensure};
+use crate::time::{parse_duration, seconds};
+use anyhow::{Result, bail, ensure};
 use bench::autopilot::{CommandType, Moves, Only, Profile, Settings};
 use bench::dronecan::{Dialect, NodeId};
 use bench::wiring::{BIT_RATES, Wiring};
@@ -26,7 +27,8 @@ simulated time in seconds, and a summary at the end.
 The exit code is 0 if the firmware ran without a crash and without a mistake, 1 if it crashed or \
                      misused a chip, 2 if the
 command line is wrong, and 3 after an error of this computer, such as a missing file or a busy \
-                     port.";
+                     port.
+With --strict it is also 1 if anything else was wrong.";
 
 /// The end of the help.
 const EXAMPLES: &str = "\
@@ -56,7 +58,7 @@ Examples:
 
 fn after_help() -> String {
     let keys: String =
-        keys::HELP.iter().map(|(keys, text)| format!("  {keys:15}{text}\n")).collect();
+        keys::HELP.iter().map(|(keys, text)| format!("  {keys:17}{text}\n")).collect();
     format!(
         "Keys of the live view:\n{keys}\n\
          Faults for --inject NAME@TIME:\n{}\n\
@@ -106,6 +108,16 @@ pub struct Args {
     /// memory
     #[arg(long, value_name = "FILE")]
     pub json: Option<PathBuf>,
+
+    /// Fail, with the exit code 1, also after a restart, a lost frame or a hint, and if the node
+    /// has sent no frame
+    #[arg(long)]
+    pub strict: bool,
+
+    /// Exit code, 0 to 255, if the program used something of the processor that is not modelled
+    /// exactly [default: 0, with --strict 1]
+    #[arg(long, value_name = "CODE", value_parser = exit_code, allow_hyphen_values = true)]
+    pub unmodelled_exit: Option<u8>,
 
     /// Print each message on the bus as a plain line, not only a count each second
     #[arg(long)]
@@ -259,6 +271,24 @@ pub enum Command {
 }
 
 impl Args {
+    /// Checks options that exclude each other.
+    ///
+    /// # Errors
+    /// If a fault is due after the end of the run.
+    pub fn check(&self) -> Result<()> {
+        let Some(end) = self.duration else { return Ok(()) };
+        let late = self.inject.iter().find(|injection| injection.at > end);
+        if let Some(injection) = late {
+            bail!("--inject {injection}: the run ends before, at {} s (--for)", seconds(end));
+        }
+        Ok(())
+    }
+
+    /// What counts as a failure of the run.
+    pub fn judgement(&self) -> Judgement {
+        Judgement { is_strict: self.strict, unmodelled_exit: self.unmodelled_exit }
+    }
+
     /// Bits per second on the bus of a board.
     ///
     /// # Errors
@@ -385,6 +415,10 @@ fn bit_rate(text: &str) -> Result<u32, String> {
     rate.ok_or_else(|| String::from("use 1000000, 500000, 250000 or 125000"))
 }
 
+fn exit_code(text: &str) -> Result<u8, String> {
+    text.parse().map_err(|_| String::from("use a number from 0 to 255"))
+}
+
 fn dialect(text: &str) -> Result<Dialect, String> {
     let named = |dialect: &Dialect| dialect.to_string() == text;
     [Dialect::V0, Dialect::Draft]
@@ -448,6 +482,23 @@ mod tests {
 
     fn parse(line: &str) -> Result<Args, clap::Error> {
         Args::try_parse_from(line.split(' '))
+    }
+
+    #[test]
+    fn a_fault_after_the_end_of_the_run_is_refused() {
+        let check = |line| parse(line).unwrap().check().map_err(|error| error.to_string());
+        let error = check("sim --for 5s --inject cable@2s --inject cable@10s").unwrap_err();
+        assert_eq!(error, "--inject cable@10s: the run ends before, at 5 s (--for)");
+        assert_eq!(check("sim --for 5s --inject cable@5s"), Ok(()));
+        assert_eq!(check("sim --inject cable@10s"), Ok(()));
+    }
+
+    #[test]
+    fn the_exit_code_of_what_is_not_modelled_is_a_byte() {
+        let code = |line| parse(line).map(|args| args.judgement().unmodelled_exit);
+        assert_eq!(code("sim --unmodelled-exit 4").unwrap(), Some(4));
+        assert_eq!(code("sim").unwrap(), None);
+        assert!(code("sim --unmodelled-exit 256").is_err());
     }
 
     #[test]

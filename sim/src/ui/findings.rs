@@ -1,6 +1,6 @@
 //! Hints for the author of a program: bit rates that do not match, a chip select that is never low,
-//! and a frame that waits in a mode of the controller that does not send. The bench gives each hint
-//! once.
+//! an INT that the program never looks at, and a frame that waits in a mode of the controller that
+//! does not send. The bench gives each hint once.
 //!
 //! A finding is not a mistake of the program, which may fit another board.
 //! [`mistakes`](super::mistakes) has the mistakes.
@@ -21,6 +21,8 @@ const SERIAL_RATES: [u64; 11] =
     [300, 1_200, 2_400, 4_800, 9_600, 19_200, 38_400, 57_600, 115_200, 250_000, 1_000_000];
 /// Time after power-on by which a program has configured its SPI.
 const SPI_SETTLED: Cycles = F_CPU_HZ / 2;
+/// INT that is low for this long without a look at its pin.
+const INT_SETTLED: Cycles = F_CPU_HZ / 2;
 /// A frame that waits this long for normal mode: the program has not set that mode. The start of a
 /// program takes less.
 const MODE_SETTLED: Cycles = F_CPU_HZ / 2;
@@ -31,17 +33,31 @@ pub struct Findings {
     bit_rate: Option<u64>,
     serial_rate: Option<u64>,
     is_cs_reported: bool,
+    is_int_reported: bool,
+    /// First byte of the boot section, if there is a bootloader. Its rate is no finding.
+    boot_start: Option<usize>,
+    /// True if the bootloader ran at the last check.
+    was_in_loader: bool,
+    /// Start of the time in which INT has been low and the program has looked at another pin.
+    unseen_since: Option<Cycles>,
     /// Start of the time in which a frame has waited in a mode that does not send.
     stuck_since: Option<Cycles>,
 }
 
 impl Findings {
+    /// No hints yet. `boot_start` is the first byte of the boot section of a chip with a
+    /// bootloader.
+    pub fn new(boot_start: Option<usize>) -> Findings {
+        Findings { boot_start, ..Findings::default() }
+    }
+
     /// Checks a board on a bus of `bus_rate` bits per second. Returns the new hints.
     pub fn check(&mut self, board: &Board, bus_rate: u32, has_sent_serial: bool) -> Vec<String> {
         let found = [
             self.check_can_rate(board, bus_rate),
             self.check_uart_rate(board, has_sent_serial),
             self.check_chip_select(board),
+            self.check_int(board),
             self.check_mode(board),
         ];
         found.into_iter().flatten().collect()
@@ -69,6 +85,10 @@ impl Findings {
 
     fn check_uart_rate(&mut self, board: &Board, has_sent: bool) -> Option<String> {
         let rate = board.avr().serial_bits_per_second();
+        let in_loader = self.boot_start.is_some_and(|start| board.avr().pc() as usize >= start);
+        if std::mem::replace(&mut self.was_in_loader, in_loader) || in_loader {
+            return None;
+        }
         if !has_sent || self.serial_rate.replace(rate) == Some(rate) {
             return None;
         }
@@ -101,6 +121,32 @@ impl Findings {
              pin in the program (--cs)?",
             passed.bytes_elsewhere
         ))
+    }
+
+    /// INT is low, the program has never looked at its pin, but waits for the interrupt of another
+    /// one. A program without any such interrupt can poll the chip over the SPI.
+    fn check_int(&mut self, board: &Board) -> Option<String> {
+        let int = board.wiring().int;
+        let avr = board.avr();
+        let others = avr.interrupt_pins();
+        let is_unseen = !board.chip().borrow().int_pin()
+            && !others.is_empty()
+            && !avr.observes_pin(int.port(), int.bit());
+        if self.is_int_reported || !is_unseen {
+            self.unseen_since = None;
+            return None;
+        }
+        let since = *self.unseen_since.get_or_insert(board.now());
+        self.is_int_reported = board.now() - since >= INT_SETTLED;
+        let name = |(port, bit): (char, u8)| format!("P{port}{bit}");
+        let names: Vec<String> = others.into_iter().map(name).collect();
+        self.is_int_reported.then(|| {
+            format!(
+                "INT of the MCP2515 ({int}) is low, but the program has never looked at that pin, \
+                 only at {}: is INT another pin in the program (--int)?",
+                names.join(", ")
+            )
+        })
     }
 
     fn check_mode(&mut self, board: &Board) -> Option<String> {

@@ -22,5 +22,6 @@ pub mod scene;
 pub mod screen;
 pub mod state;
 mod styles;
+pub mod terminal;
 pub mod traffic;
 pub mod wires;

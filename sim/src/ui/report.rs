@@ -2,51 +2,116 @@
 //!
 //! Field names and units are a stable interface: a CI job may read any of them. A version may add
 //! fields; it changes none.
+//!
+//! `findings` lists everything that was wrong. `outcome` is the worst of them that counts as a
+//! failure: a crash and a mistake always, the others by the options `--strict` and
+//! `--unmodelled-exit`.
 
 use super::state::State;
 use crate::time::{micros, seconds};
 use serde::Serialize;
 use std::process::ExitCode;
 
-/// How a run ended.
+/// What was wrong in a run, the worst first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Outcome {
-    /// The firmware ran without a crash and without a mistake.
-    #[serde(rename = "well")]
-    Clean,
+pub enum Finding {
     /// The firmware crashed.
     Crashed,
     /// The firmware misused a chip.
     Mistakes,
+    /// The firmware started again: after a reset, or by a jump to its start.
+    Restarted,
+    /// Frames for the node were lost, because both receive buffers were full.
+    LostFrames,
+    /// The node has sent no frame.
+    NeverSent,
+    /// There was a hint.
+    Hints,
+    /// The firmware used something of the processor that is not modelled exactly.
+    Unmodelled,
 }
 
-impl Outcome {
-    /// The outcome of the run that ended in `state`.
-    pub fn of(state: &State) -> Outcome {
-        if state.crash.is_some() {
-            Outcome::Crashed
-        } else if state.mistakes.total() > 0 {
-            Outcome::Mistakes
-        } else {
-            Outcome::Clean
-        }
+impl Finding {
+    /// What was wrong in the run that ended in `state`.
+    pub fn all_of(state: &State) -> Vec<Finding> {
+        let found = [
+            (state.crash.is_some(), Finding::Crashed),
+            (state.mistakes.total() > 0, Finding::Mistakes),
+            (state.resets_total > 0, Finding::Restarted),
+            (state.controller.overflows > 0, Finding::LostFrames),
+            (state.frames_of_node == 0, Finding::NeverSent),
+            (!state.hints.is_empty(), Finding::Hints),
+            (!state.unmodelled.is_empty(), Finding::Unmodelled),
+        ];
+        found.into_iter().filter_map(|(is_so, finding)| is_so.then_some(finding)).collect()
     }
 
-    /// The exit code of `sim` for this outcome: 0 or 1. The program returns 2 for a wrong command
-    /// line, and 3 for an error of this computer.
-    pub fn exit_code(self) -> u8 {
+    /// The finding in words, for the last line of a run.
+    fn text(self, state: &State) -> String {
         match self {
-            Outcome::Clean => 0,
-            Outcome::Crashed | Outcome::Mistakes => 1,
+            Finding::Crashed => {
+                format!("the node crashed: {}", state.crash.as_deref().unwrap_or_default())
+            }
+            Finding::Mistakes => {
+                let first = state.mistakes.kinds().first().map_or("", |first| &first.text);
+                let count = state.mistakes.total();
+                format!("the node's program made {count} mistakes, the first: {first}")
+            }
+            Finding::Restarted => format!("the node restarted {} times", state.resets_total),
+            Finding::LostFrames => format!("the node lost {} frames", state.controller.overflows),
+            Finding::NeverSent => String::from("the node has sent no frame"),
+            Finding::Hints => format!("hint: {}", state.hints.first().map_or("", |hint| hint)),
+            Finding::Unmodelled => {
+                let first = state.unmodelled.first().map_or("", |text| text);
+                format!("not modelled exactly: {first}")
+            }
         }
     }
 }
 
-impl From<Outcome> for ExitCode {
-    fn from(outcome: Outcome) -> ExitCode {
-        outcome.exit_code().into()
+/// The findings that count as a failure, by the options.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Judgement {
+    /// True if each finding is a failure.
+    pub is_strict: bool,
+    /// Exit code for [`Finding::Unmodelled`], if an option sets it.
+    pub unmodelled_exit: Option<u8>,
+}
+
+impl Judgement {
+    /// The worst finding that counts as a failure, and the exit code for it. The program returns 2
+    /// for a wrong command line, and 3 for an error of this computer.
+    pub fn failure(self, state: &State) -> Option<(Finding, u8)> {
+        let judged = |finding| match finding {
+            Finding::Crashed | Finding::Mistakes => 1,
+            Finding::Unmodelled => self.unmodelled_exit.unwrap_or(u8::from(self.is_strict)),
+            _ => u8::from(self.is_strict),
+        };
+        let findings = Finding::all_of(state).into_iter();
+        findings.map(|finding| (finding, judged(finding))).find(|(_, code)| *code != 0)
     }
+
+    /// The exit code of the run that ended in `state`, and the reason for a code other than 0.
+    pub fn exit(self, state: &State) -> (ExitCode, Option<String>) {
+        match self.failure(state) {
+            Some((finding, code)) => (code.into(), Some(finding.text(state))),
+            None => (ExitCode::SUCCESS, None),
+        }
+    }
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
+enum Outcome {
+    #[serde(serialize_with = "as_well")]
+    Well,
+    Failed(Finding),
+}
+
+fn as_well<S: serde::Serializer>(serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_str("well")
 }
 
 /// The report of a run, which `--json FILE` writes.
@@ -54,12 +119,15 @@ impl From<Outcome> for ExitCode {
 pub struct Report {
     outcome: Outcome,
     exit_code: u8,
+    findings: Vec<Finding>,
     simulated_s: f64,
     board: String,
     crash: Option<String>,
     mistakes_total: u64,
     mistakes: Vec<Mistake>,
     hints: Vec<String>,
+    /// What the program used of the processor that is not modelled exactly.
+    unmodelled: Vec<String>,
     restarts_total: u64,
     /// The first 100 restarts.
     restarts: Vec<Restart>,
@@ -164,18 +232,20 @@ struct Budget {
 
 impl Report {
     /// The report of the run that ended in `state`.
-    pub fn new(state: &State) -> Report {
-        let outcome = Outcome::of(state);
+    pub fn new(state: &State, judgement: Judgement) -> Report {
+        let failure = judgement.failure(state);
         let limits = state.memory.limits;
         Report {
-            outcome,
-            exit_code: outcome.exit_code(),
+            outcome: failure.map_or(Outcome::Well, |(finding, _)| Outcome::Failed(finding)),
+            exit_code: failure.map_or(0, |(_, code)| code),
+            findings: Finding::all_of(state),
             simulated_s: seconds(state.now),
             board: state.wiring.to_string(),
             crash: state.crash.clone(),
             mistakes_total: state.mistakes.total(),
             mistakes: state.mistakes.kinds().iter().map(Mistake::of).collect(),
             hints: state.hints.clone(),
+            unmodelled: state.unmodelled.clone(),
             restarts_total: state.resets_total,
             restarts: state
                 .resets
@@ -260,7 +330,7 @@ mod tests {
     use half::f16;
 
     fn json(state: &State) -> serde_json::Value {
-        serde_json::from_str(&Report::new(state).to_json()).unwrap()
+        serde_json::from_str(&Report::new(state, Judgement::default()).to_json()).unwrap()
     }
 
     #[test]
@@ -298,7 +368,12 @@ mod tests {
         assert_eq!(report["mistakes"][0]["text"], shown("mistake"));
         assert_eq!(report["hints"][0], shown("hint"));
         assert_eq!(report["crash"], shown("crash"));
-        assert!(!Report::new(&state).to_json().replace('\n', "").contains(char::is_control));
+        assert!(
+            !Report::new(&state, Judgement::default())
+                .to_json()
+                .replace('\n', "")
+                .contains(char::is_control)
+        );
     }
 
     #[test]
@@ -352,5 +427,69 @@ mod tests {
         );
         state.set_crash(0, String::from("gone"));
         assert_eq!(json(&state)["outcome"], "crashed");
+    }
+
+    /// Each finding alone, and all together: the worst one is the outcome.
+    #[test]
+    fn a_strict_run_fails_for_each_finding_and_says_which() {
+        let sent = || {
+            let mut state = State::new(1_000_000);
+            state.frames_of_node = 1;
+            state
+        };
+        let mut all = State::new(1_000_000);
+        let mut cases: Vec<(State, &str)> = Vec::new();
+        type Change = fn(&mut State);
+        let changes: [(Change, &str); 7] = [
+            (|state| state.add_unmodelled(0, "the TWI"), "unmodelled"),
+            (|state| state.add_hint(0, String::from("the UART is at 9600 baud")), "hints"),
+            (|state| state.frames_of_node = 0, "never_sent"),
+            (|state| state.controller.overflows = 1, "lost_frames"),
+            (|state| state.add_jump(0), "restarted"),
+            (|state| state.add_mistake(0, String::from("mistake")), "mistakes"),
+            (|state| state.set_crash(0, String::from("gone")), "crashed"),
+        ];
+        for (change, outcome) in changes {
+            let mut state = sent();
+            change(&mut state);
+            change(&mut all);
+            cases.push((state, outcome));
+            let strict = Judgement { is_strict: true, ..Judgement::default() };
+            let report = serde_json::to_value(Report::new(&all, strict)).unwrap();
+            assert!(report["findings"].as_array().unwrap().contains(&outcome.into()), "{report}");
+        }
+        let outcome = |state: &State, judgement| {
+            let report = serde_json::to_value(Report::new(state, judgement)).unwrap();
+            (report["outcome"].as_str().unwrap().to_owned(), report["exit_code"].clone())
+        };
+        let [lax, strict] =
+            [false, true].map(|is_strict| Judgement { is_strict, ..Judgement::default() });
+        for (state, expected) in &cases {
+            let always = matches!(*expected, "mistakes" | "crashed");
+            let lax_outcome = if always { *expected } else { "well" };
+            assert_eq!(outcome(state, lax), (lax_outcome.to_owned(), i32::from(always).into()));
+            assert_eq!(outcome(state, strict), ((*expected).to_owned(), 1.into()));
+            assert!(strict.exit(state).1.is_some(), "{expected}");
+        }
+        assert_eq!(outcome(&sent(), strict), (String::from("well"), 0.into()));
+        assert_eq!(outcome(&all, strict).0, "crashed");
+    }
+
+    #[test]
+    fn what_is_not_modelled_has_an_exit_code_of_the_user_s_choice() {
+        let mut state = State::new(1_000_000);
+        state.frames_of_node = 1;
+        state.add_unmodelled(0, "the TWI");
+        state.add_unmodelled(5, "the TWI");
+        let code = |is_strict, unmodelled_exit| {
+            Judgement { is_strict, unmodelled_exit }.failure(&state).map(|(_, code)| code)
+        };
+        assert_eq!(
+            [code(false, None), code(false, Some(4)), code(true, Some(0))],
+            [None, Some(4), None]
+        );
+        assert_eq!([code(true, None), code(true, Some(4))], [Some(1), Some(4)]);
+        assert_eq!(json(&state)["unmodelled"], serde_json::json!(["the TWI"]));
+        assert_eq!(state.take_events().len(), 1, "reported once");
     }
 }

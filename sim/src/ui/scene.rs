@@ -68,6 +68,8 @@ pub struct Scene {
     injections: VecDeque<Injection>,
     state: State,
     resets_seen: usize,
+    jumps_seen: usize,
+    unmodelled_seen: usize,
     findings: Findings,
     stack_bottom: Option<u16>,
     /// True once the program has filled its free RAM with paint.
@@ -194,7 +196,9 @@ impl Scene {
             injections: injections.into(),
             state,
             resets_seen,
-            findings: Findings::default(),
+            jumps_seen: 0,
+            unmodelled_seen: 0,
+            findings: Findings::new(boot_section),
             stack_bottom,
             stack_is_painted: false,
             next_stack_at: STACK_PERIOD,
@@ -519,6 +523,16 @@ impl Scene {
             } else {
                 self.state.add_mistake(violation.at, text);
             }
+        }
+        let unmodelled = board.avr().unmodelled_after(self.unmodelled_seen);
+        self.unmodelled_seen += unmodelled.len();
+        for feature in unmodelled {
+            self.state.add_unmodelled(feature.at, feature.text);
+        }
+        let jumps = board.avr().jumps_after(self.jumps_seen);
+        self.jumps_seen += jumps.len();
+        for at in jumps {
+            self.state.add_jump(at);
         }
         let resets = board.avr().resets_after(self.resets_seen);
         self.resets_seen += resets.len();
