@@ -2,6 +2,7 @@
 
 pub mod fault;
 pub mod links;
+pub mod node_ids;
 pub mod time;
 pub mod ui;
 pub mod usage;

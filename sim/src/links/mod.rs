@@ -88,7 +88,8 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub script: Option<PathBuf>,
 
-    /// Put this many further boards, 0 to 126, with the same firmware on the bus
+    /// Put this many further boards, 0 to 126, with the same firmware on the bus. Those of this
+    /// project get other node IDs, unless --eeprom has them
     #[arg(
         long,
         value_name = "N",

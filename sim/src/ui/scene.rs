@@ -15,6 +15,7 @@ use super::state::{AutopilotState, Controller, Event, State};
 use crate::fault::{Fault, Injection};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, Script};
+use crate::node_ids;
 use crate::usage::OrUsage;
 use anyhow::{Context, Result};
 use bench::autopilot::{Autopilot, Moves, Settings};
@@ -54,6 +55,8 @@ pub struct Scene {
     node_port: PortId,
     /// Numbers of the further boards.
     others: Vec<usize>,
+    /// True if each further board started with a node ID of its own.
+    have_own_ids: bool,
     autopilot: Option<(Autopilot, PortId)>,
     /// Settings of the autopilot before the last `other-dialect`.
     replaced: Option<Settings>,
@@ -137,11 +140,20 @@ impl Scene {
         let resets_seen = avr.resets().len();
         let mut bench = Bench::new(bit_rate);
         let node = bench.add_board(Board::wired(avr, &wiring)?, "node");
+        // Other projects' programs have their IDs themselves, and so have EEPROMs from files.
+        let can_have_ids = knows_vendor_code && args.links.eeprom.is_none();
+        let mut have_own_ids = can_have_ids;
         let others = (2..args.links.nodes + 2).map(|number| {
-            Ok(bench.add_board(
-                Board::wired(powered(firmware, number as u64)?, &wiring)?,
-                &format!("node{number}"),
-            ))
+            let seed = number as u64;
+            let mut avr = powered(firmware, seed)?;
+            let id = node_ids::id_of(number - 2).filter(|_| can_have_ids);
+            let saved =
+                id.map(|id| node_ids::saved(powered(firmware, seed)?, &wiring, bit_rate, id));
+            match saved.transpose()?.flatten() {
+                Some(cells) => avr.set_eeprom(&cells),
+                None => have_own_ids = false,
+            }
+            Ok(bench.add_board(Board::wired(avr, &wiring)?, &format!("node{number}")))
         });
         let others = others.collect::<Result<Vec<usize>>>()?;
         let autopilot = args.autopilot().or_usage()?.map(|settings| {
@@ -186,6 +198,7 @@ impl Scene {
             bench,
             node,
             others,
+            have_own_ids,
             autopilot,
             replaced: None,
             links,
@@ -358,11 +371,15 @@ impl Scene {
     }
 
     fn update_links(&mut self) {
+        let ids = match self.have_own_ids {
+            true => ", with other node IDs",
+            false => "",
+        };
         let further = match self.others.len() {
             0 => None,
-            1 => Some(String::from("1 further board, node2, has the same firmware as the node")),
+            1 => Some(format!("1 further board, node2, has the same firmware as the node{ids}")),
             count => Some(format!(
-                "{count} further boards, node2 to node{}, have the same firmware as the node",
+                "{count} further boards, node2 to node{}, have the same firmware as the node{ids}",
                 count + 1
             )),
         };
