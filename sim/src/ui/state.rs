@@ -479,18 +479,30 @@ impl State {
     fn add_frame(&mut self, at: Cycles, frame: &Frame, from_node: bool, station: Option<&str>) {
         let id = match frame.id {
             Id::Extended(id) if !frame.remote => id,
-            Id::Extended(_) => return self.add_foreign(at, station, frame, "remote frame"),
-            Id::Standard(_) => return self.add_foreign(at, station, frame, "11-bit identifier"),
+            Id::Extended(_) => {
+                return self.add_foreign(at, station, frame, "not DroneCAN: remote frame");
+            }
+            Id::Standard(_) => {
+                return self.add_foreign(at, station, frame, "not DroneCAN: 11-bit identifier");
+            }
         };
+        let data_type = CanId::parse(id).and_then(DataType::of);
         let transfer = match self.observer.push(id, frame.data(), bench::elapsed(at)) {
+            // Frames of other protocols can look like parts of a transfer, or like a whole one.
+            Observation::Partial if data_type.is_none() && self.dialect == Dialect::V0 => {
+                return self.add_foreign(at, station, frame, "no known type of DroneCAN");
+            }
+            Observation::Complete(Decoded::V0(..)) if data_type.is_none() => {
+                return self.add_foreign(at, station, frame, "no known type of DroneCAN");
+            }
             Observation::Partial => return,
-            Observation::Invalid(why)
-                if CanId::parse(id).is_some_and(|id| DataType::of(id).is_some()) =>
-            {
+            Observation::Invalid(why) if data_type.is_some() => {
                 let who = station.unwrap_or("-");
                 return self.add_broken(at, who, "invalid frame", format!("{frame} {why}"));
             }
-            Observation::Invalid(why) => return self.add_foreign(at, station, frame, why),
+            Observation::Invalid(why) => {
+                return self.add_foreign(at, station, frame, &format!("not DroneCAN: {why}"));
+            }
             Observation::Complete(transfer) => transfer,
         };
         if let Some((source, status, mut text)) = status_in(&transfer) {
@@ -538,10 +550,10 @@ impl State {
         }
     }
 
-    /// Adds a frame that is not part of a DroneCAN transfer. Other protocols may share the bus, so
-    /// this is not an error.
+    /// Adds a frame that is not part of a known DroneCAN transfer. Other protocols may share the
+    /// bus, so this is not an error.
     fn add_foreign(&mut self, at: Cycles, station: Option<&str>, frame: &Frame, why: &str) {
-        let text = format!("CAN frame {frame} (not DroneCAN: {why})");
+        let text = format!("CAN frame {frame} ({why})");
         let (who, name) = (station.unwrap_or("-").to_owned(), String::from("CAN frame"));
         self.add_traffic(TrafficLine { at, origin: Origin::Foreign, who, name, text });
     }
@@ -752,6 +764,20 @@ mod tests {
             "CAN frame 123#01 (not DroneCAN: 11-bit identifier)"
         );
         assert_eq!(state.bus.unacknowledged, 1);
+    }
+
+    /// Other protocols may use identifiers and last bytes that look like a transfer's.
+    #[test]
+    fn frames_of_unknown_types_are_shown_as_they_are() {
+        let mut state = State::new(1_000_000);
+        // Of one frame, the first of several, and one that continues.
+        for tail in [0xC1, 0x81, 0x21] {
+            state.add_record(&record(16_000, 0x18FE_F12A, &[0xAA, tail]), false, Some("other"));
+            let line = state.traffic.last().unwrap();
+            let start = format!("CAN frame 18FEF12A#AA{tail:02X} (");
+            assert!(line.text.starts_with(&start), "{}", line.text);
+            assert_eq!(line.who, "other");
+        }
     }
 
     #[test]
