@@ -12,6 +12,7 @@ use super::styles::{BAD, DIM, GOOD, NODE, WARN};
 use super::traffic::{Origin, TrafficLine};
 use crate::fault::Fault;
 use crate::time::{micros, seconds};
+use bench::Cycles;
 use bench::budget::Budget;
 use bench::can::ErrorState;
 use bench::dronecan::{Dialect, Health};
@@ -41,6 +42,11 @@ const CONDITION_ROWS: usize = 2;
 const HINT_ROWS: usize = 3;
 /// Lines for the faults that are on, at most.
 const FAULT_ROWS: usize = 2;
+/// Lines for a crash, and for the first mistake, at most.
+const FAILURE_ROWS: usize = 2;
+/// Columns of an output after the first, and of its scale: four outputs on 80 columns.
+const OUTPUT_COLUMNS: usize = 20;
+const OUTPUT_TRACK: usize = 8;
 /// Lines for the links, at most, on a small and on a larger terminal.
 const LINK_ROWS_SMALL: u16 = 3;
 const LINK_ROWS: u16 = 12;
@@ -64,11 +70,13 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         return 0;
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
-    // Only some programs have further outputs or measure a circuit.
-    let further_row = u16::from(!state.output_widths().is_empty() || state.circuit.is_some());
-    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + further_row + BUS_ROWS };
+    // Only some programs measure a circuit.
+    let circuit_row = u16::from(state.circuit.is_some());
+    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + circuit_row + BUS_ROWS };
     let columns = usize::from(area.width);
-    let mut note_lines = hint_lines(state, screen, columns);
+    let mut note_lines = output_lines(state, columns);
+    note_lines.extend(failure_lines(state, columns));
+    note_lines.extend(hint_lines(state, screen, columns));
     note_lines.extend(condition_lines(state, columns));
     note_lines.extend(fault_lines(state, columns));
     let note_rows = note_lines.len() as u16;
@@ -119,7 +127,7 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         draw_traffic(frame, traffic, state, screen);
     }
     draw_serial(frame, serial, state);
-    frame.render_widget(foot_line(state, foot.width), foot);
+    frame.render_widget(foot_line(foot.width), foot);
     popups::draw(frame, area, state, screen);
     usize::from(traffic.height.saturating_sub(2))
 }
@@ -167,6 +175,22 @@ fn dialect_note(dialect: Dialect) -> &'static str {
         Dialect::V0 => "",
         Dialect::Draft => " (draft)",
     }
+}
+
+/// The crash, and the first driver mistake with the number of all.
+fn failure_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
+    let lines = |lead: String, text: &str| {
+        let words = text.split(' ').map(|word| Line::styled(format!(" {word}"), BAD)).collect();
+        wrapped(Line::styled(format!(" {lead}:"), BAD.reversed()), words, columns, FAILURE_ROWS)
+    };
+    let crash = state.crash.iter().flat_map(|text| lines(String::from("CRASHED"), text));
+    let mistake = state.mistakes.kinds().first().map(|first| {
+        let count = state.mistakes.total();
+        let plural = if count == 1 { "" } else { "S" };
+        let at = seconds(first.first_at);
+        lines(format!("{count} DRIVER MISTAKE{plural}, first at {at:.4} s"), &first.text)
+    });
+    crash.chain(mistake.into_iter().flatten()).collect()
 }
 
 /// The oldest hint that was not acknowledged, and the number of the others.
@@ -254,21 +278,20 @@ fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
     Paragraph::new(lines)
 }
 
-/// Pulse widths of output 2 and the further outputs, in microseconds; `None` if none of them gives
-/// pulses.
-fn outputs_line(state: &State, columns: usize) -> Option<Line<'static>> {
-    let widths = state.output_widths();
-    let texts: Vec<String> = widths
-        .iter()
-        .map(|width| width.map_or(String::from("-"), |width| format!("{:.0}", micros(width))))
-        .collect();
-    let (last, texts) = (widths.len() + 1, texts.join(" "));
-    let long = match last {
-        2 => format!("output 2: {texts} us"),
-        _ => format!("outputs 2 to {last}: {texts} us"),
+/// Output 2 and the further outputs, as long as one of them gives pulses: name, scale and pulse
+/// width of each.
+fn output_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
+    let cell = |(number, width): (usize, Option<Cycles>)| {
+        let us = width.map(micros);
+        let width = us.map_or(String::from("-"), |us| format!("{us:.0}"));
+        let mut spans = vec![Span::from(format!(" OUT{number} "))];
+        spans.extend(track(OUTPUT_TRACK, us));
+        spans.push(Span::from(format!(" {width:>4} ")));
+        spans
     };
-    let text = if long.len() <= columns { long } else { format!("2-{last} {texts}") };
-    (!widths.is_empty()).then(|| Line::from(text))
+    let cells: Vec<Vec<Span<'_>>> = (2..).zip(state.output_widths()).map(cell).collect();
+    let in_a_line = (columns / OUTPUT_COLUMNS).max(1);
+    cells.chunks(in_a_line).map(|cells| Line::from(cells.concat())).collect()
 }
 
 /// The last CircuitStatus of the node; `None` before the first.
@@ -288,7 +311,8 @@ fn circuit_line(state: &State) -> Option<Line<'static>> {
 
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
     let Wiring { servo, sensor, .. } = &state.wiring;
-    let block = Block::bordered().title(format!(" Servo ({servo}) and temperature ({sensor}) "));
+    let name = if state.output_widths().is_empty() { "Servo" } else { "OUT1" };
+    let block = Block::bordered().title(format!(" {name} ({servo}) and temperature ({sensor}) "));
     let inner = block.inner(area);
     frame.render_widget(block, area);
     let pulse_us = state.servo.pulse.map(micros);
@@ -322,7 +346,6 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         },
         Line::from(format!("sensor {:.1} C  {measured}", state.sensor_c)),
     ];
-    lines.extend(outputs_line(state, usize::from(inner.width)));
     if !with_dial {
         return frame.render_widget(Paragraph::new(lines), inner);
     }
@@ -344,23 +367,28 @@ fn angle_degrees(pulse_us: f64) -> f64 {
 
 /// The pulse width on a scale: "500 |------+---#---| 2500".
 fn servo_bar(width: u16, pulse_us: Option<f64>) -> Line<'static> {
-    let track = usize::from(width).saturating_sub(12).max(3);
-    let mut cells = vec!['─'; track];
-    cells[0] = '├';
-    cells[track - 1] = '┤';
-    cells[track / 2] = '┼';
     let mut spans = vec![Span::styled(format!("{SERVO_MIN_US:4.0} "), DIM)];
-    if let Some(pulse_us) = pulse_us {
-        let share = (pulse_us - SERVO_MIN_US) / (SERVO_MAX_US - SERVO_MIN_US);
-        let place = (share.clamp(0.0, 1.0) * (track - 1) as f64).round() as usize;
-        spans.push(Span::from(cells[..place].iter().collect::<String>()));
-        spans.push(Span::styled("█", NODE));
-        spans.push(Span::from(cells[place + 1..].iter().collect::<String>()));
-    } else {
-        spans.push(Span::styled(cells.iter().collect::<String>(), DIM));
-    }
+    spans.extend(track(usize::from(width).saturating_sub(12).max(3), pulse_us));
     spans.push(Span::styled(format!(" {SERVO_MAX_US:4.0}"), DIM));
     Line::from(spans)
+}
+
+/// The pulse width on a scale of `length` columns: "|------+---#---|".
+fn track(length: usize, pulse_us: Option<f64>) -> Vec<Span<'static>> {
+    let mut cells = vec!['─'; length];
+    cells[0] = '├';
+    cells[length - 1] = '┤';
+    cells[length / 2] = '┼';
+    let Some(pulse_us) = pulse_us else {
+        return vec![Span::styled(cells.iter().collect::<String>(), DIM)];
+    };
+    let share = (pulse_us - SERVO_MIN_US) / (SERVO_MAX_US - SERVO_MIN_US);
+    let place = (share.clamp(0.0, 1.0) * (length - 1) as f64).round() as usize;
+    vec![
+        Span::from(cells[..place].iter().collect::<String>()),
+        Span::styled("█", NODE),
+        Span::from(cells[place + 1..].iter().collect::<String>()),
+    ]
 }
 
 /// Draws a half dial, 0 degrees up, with the servo's horn, and a mark outside for the commanded
@@ -411,7 +439,9 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
         Some((_, id, _)) => format!("Node {id}{}", dialect_note(state.dialect)),
         None => String::from("Node"),
     };
-    let title = format!(" {title} on {} ({}) ", state.wiring.board_name(), state.wiring.chip);
+    let title = format!(" {title} on {} ", state.wiring.board_name());
+    let with_chip = format!("{title}({}) ", state.wiring.chip);
+    let title = if with_chip.len() + 2 <= usize::from(area.width) { with_chip } else { title };
     let mut lines = match state.status {
         Some((at, _, status)) => {
             let style = match status.health {
@@ -421,40 +451,37 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
             };
             let age = seconds(state.now.saturating_sub(at));
             let first = match state.silent_for() {
-                Some(_) => vec![
-                    Span::styled(format!("SILENT for {age:.1} s"), BAD),
-                    Span::from(format!(" ({} {})", status.health, status.mode)),
-                ],
+                Some(_) => vec![Span::styled(format!("SILENT for {age:.1} s"), BAD)],
                 None => vec![
                     Span::styled(status.health.to_string(), style),
                     Span::from(format!(" {}  uptime {} s", status.mode, status.uptime_s)),
                 ],
             };
-            vec![
-                Line::from(first),
-                Line::from(format!(
-                    "vendor code {:#06X}  heard {age:.1} s ago",
-                    status.vendor_code
-                )),
-            ]
+            let code = format!("{:#06X}", status.vendor_code);
+            let second = match state.silent_for() {
+                Some(_) => format!("before: {} {} {code}", status.health, status.mode),
+                None => format!("vendor code {code}  heard {age:.1} s ago"),
+            };
+            vec![Line::from(first), Line::from(second)]
         }
         None => vec![Line::styled("no NodeStatus yet", WARN), Line::default()],
     };
-    if let Some(crash) = &state.crash {
-        lines[0] = Line::styled(format!("CRASHED: {crash}"), BAD);
+    if state.crash.is_some() {
+        lines[0] = Line::styled("CRASHED", BAD);
     }
     let memory = &state.memory;
     let limit = |of: fn(Budget) -> u32| memory.limits.map(of);
-    let (text, style) = amount("flash", memory.flash, limit(|limits| limits.flash));
+    let (text, style) = amount("flash ", memory.flash, limit(|limits| limits.flash), " of ");
     lines.push(Line::styled(format!("{text} B"), style));
     if let Some(statics) = memory.statics {
-        let (text, style) = amount("statics", statics, limit(|limits| limits.statics));
-        let mut line = Line::styled(format!("{text} B"), style);
+        let (text, style) = amount("statics ", statics, limit(|limits| limits.statics), "/");
+        let mut line = Line::styled(text, style);
         if let Some(stack) = memory.stack {
-            let (text, style) =
-                amount(", RAM", statics + stack, limit(|limits| limits.statics_and_stack));
+            let limit = limit(|limits| limits.statics_and_stack);
+            let (text, style) = amount(", RAM ", statics + stack, limit, "/");
             line.push_span(Span::styled(text, style));
         }
+        line.push_span(Span::from(" B"));
         lines.push(line);
     }
     lines.extend(circuit_line(state));
@@ -462,12 +489,12 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-/// The used bytes of a memory, and their limit if there is one. The style marks a use above the
-/// limit.
-fn amount(name: &str, used: u32, limit: Option<u32>) -> (String, Style) {
-    let of = limit.map_or(String::new(), |limit| format!(" of {}", thousands(limit as usize)));
+/// The used bytes of a memory, and after `of` their limit if there is one. The style marks a use
+/// above the limit.
+fn amount(name: &str, used: u32, limit: Option<u32>, of: &str) -> (String, Style) {
+    let of = limit.map_or(String::new(), |limit| format!("{of}{}", thousands(limit as usize)));
     let style = if limit.is_some_and(|limit| used > limit) { BAD } else { Style::new() };
-    (format!("{name} {}{of}", thousands(used as usize)), style)
+    (format!("{name}{}{of}", thousands(used as usize)), style)
 }
 
 fn draw_bus(frame: &mut Frame<'_>, area: Rect, state: &State) {
@@ -532,8 +559,8 @@ fn draw_load(frame: &mut Frame<'_>, area: Rect, state: &State) {
 fn draw_traffic(frame: &mut Frame<'_>, area: Rect, state: &State, screen: &Screen) {
     let rows = usize::from(area.height.saturating_sub(2));
     let lines = state.traffic.page(rows, screen.until, &screen.hidden);
-    let lines: Vec<_> = lines.into_iter().map(traffic_line).collect();
     let columns = usize::from(area.width.saturating_sub(2));
+    let lines: Vec<_> = lines.into_iter().map(|line| traffic_line(line, columns)).collect();
     let block = Block::bordered().title(traffic_title(state, screen, columns));
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
@@ -562,39 +589,37 @@ fn traffic_title(state: &State, screen: &Screen, columns: usize) -> String {
     }
 }
 
-fn traffic_line(line: &TrafficLine) -> Line<'static> {
+/// `text` in at most `columns` columns, with a mark at its end if there is more.
+fn cut(text: &str, columns: usize) -> String {
+    if text.chars().count() <= columns {
+        return text.to_owned();
+    }
+    text.chars().take(columns.saturating_sub(1)).chain(['…']).collect()
+}
+
+fn traffic_line(line: &TrafficLine, columns: usize) -> Line<'static> {
     let style = match line.origin {
         Origin::Node => NODE,
         Origin::Other => Style::new(),
         Origin::Foreign => DIM,
         Origin::Broken => BAD,
     };
-    Line::from(vec![
-        Span::styled(format!("{:10.4} ", seconds(line.at)), DIM),
-        Span::styled(format!("{:>4} {}", line.who, line.text), style),
-    ])
+    let time = format!("{:10.4} ", seconds(line.at));
+    let rest = cut(&format!("{:>4} {}", line.who, line.text), columns.saturating_sub(time.len()));
+    Line::from(vec![Span::styled(time, DIM), Span::styled(rest, style)])
 }
 
 fn draw_serial(frame: &mut Frame<'_>, area: Rect, state: &State) {
     let rows = usize::from(area.height.saturating_sub(2));
-    let line = |(_, text): &(u64, String)| Line::from(text.clone());
+    let columns = usize::from(area.width.saturating_sub(2));
+    let line = |(_, text): &(u64, String)| Line::from(cut(text, columns));
     let lines: Vec<_> = state.serial.tail(rows, 0).map(line).collect();
     let block = Block::bordered().title(" Serial monitor ");
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }
 
-/// The last line of the screen: the first driver mistake if there is one, else the keys that fit.
-fn foot_line(state: &State, width: u16) -> Line<'static> {
-    if let Some(first) = state.mistakes.kinds().first() {
-        let count = state.mistakes.total();
-        let plural = if count == 1 { "" } else { "S" };
-        let text = format!(
-            " {count} DRIVER MISTAKE{plural}, first at {:.4} s: {}",
-            seconds(first.first_at),
-            first.text
-        );
-        return Line::styled(text, BAD.reversed());
-    }
+/// The last line of the screen: the keys that fit.
+fn foot_line(width: u16) -> Line<'static> {
     let keys = [
         ("←→", "servo"),
         ("s", "sweep"),

@@ -80,8 +80,8 @@ const VALUES: &[&str] = &[
     "OK OPERATIONAL  uptime 12 s",
     "vendor code 0xBEEF",
     "flash 9,876 of 14,336 B",
-    "statics 312 of ",
-    " B, RAM 512 of ",
+    "statics 312/",
+    ", RAM 512/",
     "Bus 1000 kbit/s",
     "3 frames/s",
     "error frames 0",
@@ -148,7 +148,7 @@ fn the_titles_name_the_board_and_its_pins() {
         "light (D3) 50 %",
     ];
     shows(&picture, &expected);
-    shows(&picture, &["flash 9,876 B ", "statics 312 B, RAM 512 "]);
+    shows(&picture, &["flash 9,876 B ", "statics 312, RAM 512 B"]);
 }
 
 #[test]
@@ -403,25 +403,41 @@ fn the_title_says_that_all_actuators_move_and_how_many_motors_turn() {
 }
 
 #[test]
-fn further_outputs_are_shown_while_they_give_pulses() {
+fn further_outputs_are_drawn_with_their_names_while_they_give_pulses() {
     let mut state = at_work();
     let now = state.now;
     state.set_output_pulses([Some((now, 16_000)), None]);
-    shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["output 2: 1000 us"]);
-    state.set_output_pulses((0..7).map(|n| (n != 2).then_some((now, (1000 + 100 * n) * 16))));
-    for (columns, rows) in [(110, 40), (110, ROWS_MIN)] {
-        shows(
-            &drawn(&state, &Screen::default(), columns, rows),
-            &["outputs 2 to 8: 1000 1100 - 1300 1400 1500 1600 us"],
-        );
+    shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["OUT2 ├─█─┼──┤ 1000 "]);
+    let pulse = |n: u64| (n != 2).then_some((now, (800 + 200 * n) * 16));
+    state.set_output_pulses((0..7).map(pulse));
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (110, ROWS_MIN), (160, 45)] {
+        let picture = drawn(&state, &Screen::default(), columns, rows);
+        shows(&picture, &[" OUT1 (D10) and temperature (A0) ", "pulse 1750.0 us"]);
+        shows(&picture, &[" OUT2 ├█──┼──┤  800 ", " OUT3 ├─█─┼──┤ 1000 "]);
+        shows(&picture, &[" OUT4 ├───┼──┤    - ", " OUT8 ├───┼█─┤ 2000 "]);
     }
-    state.set_output_pulses((0..7).map(|n| Some((now, (1000 + 100 * n) * 16))));
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
-    shows(&picture, &["│2-8 1000 1100 1200 1300 1400 1500 1600│"]);
-    shows(&picture, VALUES);
+    let values: Vec<_> = VALUES.iter().filter(|value| !value.starts_with("Servo")).collect();
+    shows(&picture, &values.into_iter().copied().collect::<Vec<_>>());
     state.advance_to(now + SECOND);
     let picture = drawn(&state, &Screen::default(), 120, 40);
-    assert!(!picture.contains("outputs 2"), "{picture}");
+    assert!(!picture.contains("OUT"), "{picture}");
+}
+
+#[test]
+fn eighty_by_twenty_four_cuts_no_amount_and_marks_what_is_cut() {
+    let mut state = at_work();
+    let limits = Some(Budget::of(Chip::Atmega328p));
+    state.memory = Memory { flash: 28_370, statics: Some(1_368), stack: Some(227), limits };
+    state.add_mistake(SECOND, format!("mistake {} end", "with a long text ".repeat(6).trim()));
+    for byte in "a line of the serial monitor ".repeat(4).bytes().chain(*b"\n") {
+        state.push_serial_byte(11 * SECOND, byte);
+    }
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(
+        &picture,
+        &["│statics 1,368/1,", ", RAM 1,595/1,792 B│", " text end ", "a line of the seria…│"],
+    );
 }
 
 #[test]
@@ -479,7 +495,7 @@ fn a_silent_node_is_not_called_ok() {
     shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["OK OPERATIONAL"]);
     state.advance_to(19 * SECOND + 2_000);
     let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
-    shows(&picture, &["SILENT for 8.0 s (OK OPERATIONAL)"]);
+    shows(&picture, &["SILENT for 8.0 s", "before: OK OPERATIONAL 0xBEEF"]);
     assert!(!picture.contains("│OK"), "{picture}");
 }
 
