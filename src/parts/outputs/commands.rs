@@ -2,6 +2,7 @@
 
 use dronecan_wire::{Slot, esc};
 
+use super::output::Output;
 use super::travel::CommandType;
 use super::{Command, Followed, Outputs, Pulses, bit, place};
 use crate::hardware::OUTPUTS;
@@ -11,10 +12,12 @@ use crate::node::wire::Transfer;
 use crate::parts::motors;
 
 impl Outputs {
-    /// True if no ArrayCommand came after the last followed command, not even one for other
-    /// actuators.
+    /// True if no output follows commands, and no ArrayCommand came after the last followed one,
+    /// not even one for other actuators.
+    #[inline(always)]
     pub fn hears_nothing(&self) -> bool {
-        !self.hears_commands
+        let follows = OUTPUTS > 1 && self.each.iter().any(Output::is_following);
+        !self.hears_commands && !follows
     }
 
     /// Takes note of an ArrayCommand: keeps its entries for the outputs in use. Returns the line

@@ -106,9 +106,13 @@ impl Output {
         timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms
     }
 
-    /// Does what OUTn_FS says, until the next command. A motor stops.
+    /// Does what OUTn_FS says, until the next command. A motor stops. An output that follows no
+    /// command keeps its pulse, or has none.
     #[inline(never)]
     pub fn fail_safe(&mut self, output: usize, is_motor: bool, parameters: &Parameters) {
+        if !self.is_following {
+            return;
+        }
         if is_motor {
             return self.stop_motor();
         }
@@ -129,14 +133,20 @@ impl Output {
         }
     }
 
-    /// The safety switch is on. Stops a motor. Ends the pulses if `ends_pulses`.
+    /// The safety switch is on. Stops a motor. Ends the pulses of a servo if `ends_pulses`.
     pub fn begin_safe(&mut self, is_motor: bool, ends_pulses: bool) {
         self.is_following = false;
-        if ends_pulses {
-            self.pulse = 0;
-        } else if is_motor {
+        if is_motor {
             self.stop_motor();
+        } else if ends_pulses {
+            self.pulse = 0;
         }
+    }
+
+    /// The output gets another type or ID: ends the pulses until a command for these comes.
+    pub fn end(&mut self) {
+        self.is_following = false;
+        self.pulse = 0;
     }
 
     /// From now on commands are expected: the failsafe begins if none comes.
