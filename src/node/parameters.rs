@@ -251,6 +251,14 @@ pub fn row_and_output(index: u8) -> (u8, u8) {
     (row, output)
 }
 
+/// True if the parameter with this index says what an output is: OUT_COUNT, OUTn_TYPE or OUTn_ID.
+pub fn is_of_outputs(index: u8) -> bool {
+    let row = At::new(index).row;
+    row == Parameter::OutCount.index()
+        || row == OutputParameter::Type.index(0)
+        || row == OutputParameter::Id.index(0)
+}
+
 impl At {
     #[inline(never)]
     fn new(index: u8) -> Self {

@@ -12,6 +12,7 @@ use super::parameters::{self, Parameters};
 use super::receive::Context;
 use super::wire::Transfer;
 use super::{Constants, Node, information};
+use crate::hardware::OUTPUTS;
 use crate::monitor::{Line, Monitor};
 use crate::parts::stats;
 use crate::parts::update::{HAS_TEXTS, STILL_MS, Verdict};
@@ -251,6 +252,13 @@ impl Node {
         true
     }
 
+    /// True if type, ID and number of the outputs must not change, because the vehicle is armed: a
+    /// motor would stop. A single output is no motor.
+    #[inline(always)]
+    fn are_outputs_fixed(&self) -> bool {
+        OUTPUTS > 1 && self.outputs.arming.is_armed()
+    }
+
     #[inline(always)]
     pub(super) fn act_on_get_set<P: Constants>(
         &mut self,
@@ -263,7 +271,10 @@ impl Node {
         };
         let mut line = Line::Request;
         if let Some(value) = value {
-            if self.parameters.set(parameter, value, flash) {
+            let is_fixed = self.are_outputs_fixed()
+                && parameters::is_of_outputs(parameter)
+                && self.parameters.value(parameter) != Some(value as u16);
+            if !is_fixed && self.parameters.set(parameter, value, flash) {
                 line = Line::ParameterSet;
                 self.apply_parameters();
             } else if parameter < parameters::COUNT as u8 {
@@ -309,11 +320,12 @@ impl Node {
         if request.len() != 7 {
             return Line::RefusedLength;
         }
-        if opcode == OPCODE_ERASE {
+        let erases = opcode == OPCODE_ERASE && !self.are_outputs_fixed();
+        if erases {
             self.parameters.set_defaults(context.flash);
             self.apply_parameters();
         }
-        context.argument = u8::from(opcode == OPCODE_SAVE || opcode == OPCODE_ERASE);
+        context.argument = u8::from(opcode == OPCODE_SAVE || erases);
         Line::Request
     }
 

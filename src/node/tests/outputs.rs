@@ -1,5 +1,6 @@
 //! Several outputs: servos and motors.
 
+use super::manage::{RESTART, set};
 use super::*;
 use crate::hardware::OUTPUTS;
 use crate::node::agenda::{FRAMES_BEFORE_ENTRY, Turn};
@@ -346,6 +347,55 @@ fn neither_command_moves_an_output_of_the_other_type() {
     let before = rig.program.node.pulse(0);
     rig.text("1004570A 80 C0");
     assert_eq!(rig.program.node.pulse(0), before, "the thesis's command is for a servo");
+}
+
+/// A parachute would open.
+#[test]
+fn a_restart_moves_no_output_that_follows_no_command() {
+    let mut rig = hub();
+    for output in 0..8 {
+        rig.set_output(output, OutputParameter::Fs, 2);
+        rig.set_output(output, OutputParameter::FsPwm, 1900);
+    }
+    rig.widths(&[(3, 1200)]);
+    rig.text(RESTART);
+    rig.run(20);
+    assert_eq!(rig.servos_us(), [0, 0, 1900, 0, 0, 0, 0, 0]);
+}
+
+#[test]
+fn a_new_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
+    let mut rig = with_motors();
+    rig.widths(&[(1, 1900), (2, 1800)]);
+    rig.set_output(0, OutputParameter::Type, 1);
+    rig.set_output(1, OutputParameter::Id, 20);
+    rig.run(20);
+    assert_eq!(rig.servos_us()[..2], [0, 0]);
+    for (name, value) in [("OUT7_TYPE", 0), ("OUT8_ID", 9), ("OUT_COUNT", 1)] {
+        rig.arm(255);
+        rig.throttles(FULL_AND_HALF);
+        rig.get_set(&set(0, value, name));
+        rig.run(20);
+        assert_eq!(rig.servos_us()[6..], [2000, 1500], "{name}");
+    }
+    let parameters = &rig.program.node.parameters;
+    assert_eq!(parameters.of(6, OutputParameter::Type), 1);
+    assert_eq!(parameters.of(7, OutputParameter::Id), 1);
+    assert_eq!(parameters.get(Parameter::OutCount), 8);
+}
+
+#[test]
+fn the_safety_switch_stops_motors_with_the_minimum_and_ends_the_pulses_of_servos() {
+    let mut rig = with_motors();
+    rig.set(Parameter::SafeMode, 1);
+    rig.arm(255);
+    rig.widths(&[(1, 1900)]);
+    rig.throttles(FULL_AND_HALF);
+    let now_ms = rig.now_ms();
+    let Node { outputs, parameters, .. } = &mut rig.program.node;
+    outputs.act_on_safety_state(0, now_ms, parameters);
+    rig.run(20);
+    assert_eq!(rig.servos_us(), [0, 0, 0, 0, 0, 0, 1000, 1000]);
 }
 
 #[test]

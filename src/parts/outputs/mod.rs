@@ -193,14 +193,20 @@ impl Outputs {
     #[inline(always)]
     fn update_output(&mut self, n: usize, parameters: &Parameters) {
         let id = parameters.of(n, OutputParameter::Id) as u8;
+        let was_motor = self.motors.is_motor(n);
+        let is_motor = self.motors.update(n, parameters);
         let output = &mut self.each[place(n)];
+        // Pulse and entry are for the old ID and type. (A single servo keeps its pulse.)
+        let is_another = output.id != id || is_motor != was_motor;
+        if OUTPUTS > 1 && is_another {
+            output.end();
+        }
         output.update(n, parameters);
-        // The entry that waits is for the old ID.
-        if output.id != id {
+        if is_another {
             self.waiting &= !bit(n);
         }
         output.id = id;
-        if self.motors.update(n, parameters) {
+        if is_motor {
             output.slot = NO_SLOT;
         } else if OUTPUTS > 1 {
             // Outputs with the same ID have the same slot.
