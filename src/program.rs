@@ -245,7 +245,7 @@ impl Program {
         if node.has_run_a_minute() {
             board.forget_restarts();
         }
-        if node.is_to_restart(now_ms) {
+        if node.is_to_restart(now_ms) && !node.calls_off_update(monitor) {
             let request = node.hand_over(board.eeprom());
             board.restart(request);
         }

@@ -168,6 +168,10 @@ lines! {
         /// The vehicle is armed again.
         DisarmedEnd = "armed",
     }
+    logs if feature = "update" {
+        /// An accepted update does not begin: the outputs are in use again.
+        UpdateCalledOff = "update called off: armed, or a command in the last 2 s",
+    }
     logs if feature = "safety" {
         /// Received a SafetyState.
         SafetyState = "rx SafetyState from %s tid %t: %c",

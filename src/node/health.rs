@@ -93,10 +93,14 @@ impl Health {
         self.conditions.has(condition)
     }
 
-    /// The worst level that the masks give to a condition that is set.
+    /// The worst level that the masks give to a condition that is set. FAILSAFE does not count if
+    /// the outputs `may_be_silent`.
     #[inline(always)]
-    pub fn level(&self, parameters: &Parameters) -> Level {
-        let code = self.code();
+    pub fn level(&self, parameters: &Parameters, may_be_silent: bool) -> Level {
+        let mut code = self.code();
+        if may_be_silent {
+            code &= !Conditions::FAILSAFE.code();
+        }
         if code & parameters.get(Parameter::CritMask) != 0 {
             Level::Critical
         } else if code & parameters.get(Parameter::ErrorMask) != 0 {
@@ -198,7 +202,7 @@ mod tests {
             let (mut health, mut monitor) = (Health::new(), Monitor::new());
             health.set(condition, true, LINES, &mut monitor);
             assert_eq!(
-                health.level(&golden::parameters(&[])) as u8,
+                health.level(&golden::parameters(&[]), false) as u8,
                 level,
                 "{:#06x}",
                 condition.code()
@@ -283,12 +287,16 @@ mod tests {
                 ])
             };
             let mask = condition.code();
-            assert_eq!(health.level(&masks(0xFFFF, 0xFFFF, 0xFFFF)), Level::Ok);
+            assert_eq!(health.level(&masks(0xFFFF, 0xFFFF, 0xFFFF), false), Level::Ok);
             health.set(condition, true, LINES, &mut monitor);
-            assert_eq!(health.level(&masks(!mask, !mask, !mask)), Level::Ok, "{mask:#06x}");
-            assert_eq!(health.level(&masks(mask, 0, 0)), Level::Warning, "{mask:#06x}");
-            assert_eq!(health.level(&masks(mask, mask, 0)), Level::Error, "{mask:#06x}");
-            assert_eq!(health.level(&masks(mask, mask, mask)), Level::Critical, "{mask:#06x}");
+            assert_eq!(health.level(&masks(!mask, !mask, !mask), false), Level::Ok, "{mask:#06x}");
+            assert_eq!(health.level(&masks(mask, 0, 0), false), Level::Warning, "{mask:#06x}");
+            assert_eq!(health.level(&masks(mask, mask, 0), false), Level::Error, "{mask:#06x}");
+            assert_eq!(
+                health.level(&masks(mask, mask, mask), false),
+                Level::Critical,
+                "{mask:#06x}"
+            );
         }
     }
 

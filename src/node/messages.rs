@@ -119,7 +119,7 @@ impl Node {
     /// Puts the payload of a NodeStatus.
     #[inline(never)]
     pub(super) fn put_status(&mut self) {
-        let level = self.health.level(&self.parameters);
+        let level = self.health.level(&self.parameters, self.outputs.may_be_silent());
         let mode = if self.temperature.is_known() { 0 } else { MODE_INITIALIZATION };
         let outgoing = &mut self.outgoing;
         let code = self.health.code();

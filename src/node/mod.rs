@@ -215,6 +215,18 @@ impl Node {
         self.services.is_to_restart(now_ms)
     }
 
+    /// Calls an accepted update off if the outputs are in use again. Returns true if it does.
+    #[inline(always)]
+    pub fn calls_off_update(&mut self, monitor: &mut Monitor) -> bool {
+        let calls_off = self.update.is_accepted() && self.outputs.are_in_use();
+        if calls_off {
+            self.update.call_off();
+            self.services.call_off_restart();
+            monitor.log_line(Line::UpdateCalledOff);
+        }
+        calls_off
+    }
+
     /// The accepted request for an update, if there is one, for the bootloader. Takes up to 30 ms.
     /// The program must end then.
     #[inline(always)]
@@ -363,7 +375,7 @@ impl Node {
         }
         if let Some(source) = NodeId::new(followed.commander) {
             count(&mut self.health.counts.followed);
-            self.commanded_by(source, monitor);
+            self.commanded_by(source, followed.is_second, monitor);
         }
         self.log_note(followed.line, monitor);
         self.end_failsafe(monitor);

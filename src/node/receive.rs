@@ -10,8 +10,8 @@ use super::kind::Kind;
 use super::wire::{Receiver, Transfer};
 use super::{Constants, Node};
 use crate::monitor::{Line, Monitor, Words};
-use crate::parts::dialect;
 use crate::parts::tunnel::HEADER_LEN;
+use crate::parts::{arming, dialect};
 
 /// What else an action on a transfer needs.
 pub struct Context<'a, P> {
@@ -123,10 +123,12 @@ impl Node {
         }
     }
 
-    /// Takes note of the sender of a command.
+    /// Takes note of the sender of a command. `is_second`: the output that followed it has two
+    /// commanders.
     #[inline(never)]
-    pub(super) fn commanded_by(&mut self, source: NodeId, monitor: &mut Monitor) {
-        if self.autopilot.commanded_by(source) {
+    pub(super) fn commanded_by(&mut self, source: NodeId, is_second: bool, monitor: &mut Monitor) {
+        let is_another = self.autopilot.commanded_by(source);
+        if if arming::IS_BY_SOURCE { is_second } else { is_another } {
             self.health.set(Conditions::TWO_COMMANDERS, true, [Line::TwoCommanders; 2], monitor);
             self.health.happened(Conditions::TWO_COMMANDERS);
         }
@@ -140,7 +142,7 @@ impl Node {
             && (line == Line::RefusedDisarmed || line == Line::RefusedSafe)
             && let Some(source) = NodeId::new(transfer.source)
         {
-            self.commanded_by(source, monitor);
+            self.commanded_by(source, false, monitor);
         }
         line
     }
@@ -207,11 +209,11 @@ impl Node {
         if status.len() != 1 {
             return Line::RefusedLength;
         }
-        if !self.is_of_autopilot(status) {
+        if !self.is_of_autopilot(status) && !self.outputs.has_commander(status.source) {
             return Line::RefusedSource;
         }
-        let &[status, ..] = status.bytes();
-        self.outputs.arming.act_on_status(status);
+        let (source, &[status, ..]) = (status.source, status.bytes());
+        self.outputs.arming.act_on_status(source, status);
         self.note.set_code(status);
         Line::Arming
     }
@@ -225,11 +227,11 @@ impl Node {
         if state.len() != 1 {
             return Line::RefusedLength;
         }
-        if !self.is_of_autopilot(state) {
+        if !self.is_of_autopilot(state) && !self.outputs.has_commander(state.source) {
             return Line::RefusedSource;
         }
-        let &[state, ..] = state.bytes();
-        self.outputs.act_on_safety_state(state, context.now_ms, &self.parameters);
+        let (source, &[state, ..]) = (state.source, state.bytes());
+        self.outputs.act_on_safety_state(source, state, context.now_ms, &self.parameters);
         if self.outputs.safety.is_safe() {
             self.health.clear(Conditions::FAILSAFE);
         }

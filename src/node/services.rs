@@ -15,7 +15,7 @@ use super::{Constants, Node, information};
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Line, Monitor};
 use crate::parts::stats;
-use crate::parts::update::{HAS_TEXTS, STILL_MS, Verdict};
+use crate::parts::update::{HAS_TEXTS, Verdict};
 
 /// Requests that can wait for their response. A power of two. GUI tools send five at once.
 const WAITING: usize = 8;
@@ -148,6 +148,12 @@ impl Services {
             self.is_to_restart = true;
             self.restart_ms = now_ms.wrapping_add(RESTART_MS);
         }
+    }
+
+    /// The program does not restart after all.
+    #[inline(always)]
+    pub fn call_off_restart(&mut self) {
+        self.is_to_restart = false;
     }
 
     /// True if it is time to restart the program.
@@ -366,9 +372,7 @@ impl Node {
         request: &Transfer,
         context: &mut Context<P>,
     ) -> Line {
-        let is_in_use = self.outputs.arming.is_armed()
-            || self.outputs.has_followed_within(STILL_MS, context.now_ms);
-        let verdict = self.update.act_on_request(request, is_in_use) as u8;
+        let verdict = self.update.act_on_request(request, self.outputs.are_in_use()) as u8;
         if Verdict::is_accepted(verdict) {
             self.outputs.fail_safe(&self.parameters);
         }

@@ -83,7 +83,11 @@ impl Rig {
 
     /// The current health.
     fn level(&self) -> u8 {
-        self.program.node.health().level(&self.program.node.parameters) as u8
+        self.program
+            .node
+            .health()
+            .level(&self.program.node.parameters, self.program.node.outputs.may_be_silent())
+            as u8
     }
 
     /// Receives a command for actuator 1 from node 10.

@@ -9,6 +9,9 @@ const TIMEOUT_S: u8 = 4;
 /// ArmingStatus.status: fully armed (DSDL uavcan/equipment/safety/1100.ArmingStatus.uavcan).
 const FULLY_ARMED: u8 = 255;
 
+/// False: the last commander's status counts for all.
+pub const IS_BY_SOURCE: bool = false;
+
 /// The arming of the vehicle.
 pub struct Arming {
     /// Seconds that the vehicle still counts as armed.
@@ -23,7 +26,7 @@ impl Arming {
 
     /// Acts on the status of an ArmingStatus.
     #[inline(always)]
-    pub fn act_on_status(&mut self, status: u8) {
+    pub fn act_on_status(&mut self, _id: u8, status: u8) {
         self.armed_s = if status == FULLY_ARMED { TIMEOUT_S } else { 0 };
     }
 
@@ -37,6 +40,23 @@ impl Arming {
     #[inline(never)]
     pub fn is_disarmed(&self, parameters: &Parameters) -> bool {
         self.armed_s == 0 && parameters.is_on(Parameter::ArmReq)
+    }
+
+    /// The same as [`is_armed`](Self::is_armed).
+    #[inline(always)]
+    pub fn is_armed_by(&self, _id: u8) -> bool {
+        self.is_armed()
+    }
+
+    /// The same as [`is_disarmed`](Self::is_disarmed).
+    #[inline(always)]
+    pub fn is_disarmed_by(&self, _id: u8, parameters: &Parameters) -> bool {
+        self.is_disarmed(parameters)
+    }
+
+    /// False: not remembered.
+    pub fn is_said_disarmed(&self) -> bool {
+        false
     }
 
     /// Counts down the timeout. Call once a second.

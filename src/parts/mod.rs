@@ -16,7 +16,10 @@ pub mod allocation;
 #[path = "absent/allocation.rs"]
 pub mod allocation;
 
-#[cfg(feature = "standard")]
+#[cfg(feature = "outputs")]
+#[path = "arming_by_source.rs"]
+pub mod arming;
+#[cfg(all(feature = "standard", not(feature = "outputs")))]
 pub mod arming;
 #[cfg(not(feature = "standard"))]
 #[path = "absent/arming.rs"]

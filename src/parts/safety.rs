@@ -10,6 +10,8 @@ const TIMEOUT_S: u8 = 4;
 pub struct Safety {
     /// Seconds that it still counts as on.
     safe_s: u8,
+    /// Node ID of whoever put it on.
+    source: u8,
     /// Outputs that followed commands, or missed them, when it was put on: bit n is output n.
     was_following: u8,
 }
@@ -17,7 +19,7 @@ pub struct Safety {
 impl Safety {
     /// Off.
     pub const fn new() -> Self {
-        Self { safe_s: 0, was_following: 0 }
+        Self { safe_s: 0, source: 0, was_following: 0 }
     }
 
     /// True while the safety switch is on.
@@ -26,8 +28,16 @@ impl Safety {
         self.safe_s != 0
     }
 
-    /// A SafetyState says that it is on.
-    pub fn begin(&mut self) {
+    /// True while it is on by this node, which alone can put it off.
+    pub fn is_safe_by(&self, source: u8) -> bool {
+        self.is_safe() && self.source == source
+    }
+
+    /// A SafetyState of this node says that it is on.
+    pub fn begin(&mut self, source: u8) {
+        if !self.is_safe() {
+            self.source = source;
+        }
         self.safe_s = TIMEOUT_S;
     }
 

@@ -13,8 +13,8 @@ use crate::node::store::{Address, Eeprom};
 use crate::node::wire::Transfer;
 use crate::node::{bit_rate, information};
 
-/// Time without a followed command before an update, in milliseconds.
-pub const STILL_MS: u16 = 2000;
+/// True: the node takes updates over the bus.
+pub const IS_THERE: bool = true;
 
 /// True: a response says why a request is refused.
 pub const HAS_TEXTS: bool = true;
@@ -78,8 +78,8 @@ impl Update {
         self.has_loader = has_loader;
     }
 
-    /// Decides on a request, and keeps it if it is accepted. `is_in_use`: the vehicle is armed, or
-    /// an output followed a command within [`STILL_MS`].
+    /// Decides on a request, and keeps it if it is accepted. `is_in_use`: see
+    /// [`are_in_use`](crate::parts::outputs::Outputs::are_in_use).
     #[inline(always)]
     pub fn act_on_request(&mut self, request: &Transfer, is_in_use: bool) -> Verdict {
         if !self.has_loader {
@@ -108,6 +108,18 @@ impl Update {
         Verdict::Accepted
     }
 
+    /// True if a request was accepted.
+    #[inline(always)]
+    pub fn is_accepted(&self) -> bool {
+        self.request[PATH_LEN + 1] != 0
+    }
+
+    /// Forgets the accepted request.
+    #[inline(always)]
+    pub fn call_off(&mut self) {
+        self.request[PATH_LEN + 1] = 0;
+    }
+
     /// Returns the accepted request, if there is one, and leaves node ID and bit rate in EEPROM for
     /// the bootloader. Takes up to 30 ms. The program must end then.
     pub fn hand_over(
@@ -116,7 +128,7 @@ impl Update {
         parameters: &Parameters,
         eeprom: &mut impl Eeprom,
     ) -> Option<&[u8; REQUEST_LEN]> {
-        if self.request[PATH_LEN + 1] == 0 {
+        if !self.is_accepted() {
             return None;
         }
         let timing = bit_rate::timing(parameters.get(Parameter::CanBaudrate) as u8);

@@ -19,7 +19,7 @@ impl Rig {
     }
 
     /// Sends a request. Returns the response, which must come within half a second.
-    fn ask(&mut self, text: &str) -> String {
+    pub(super) fn ask(&mut self, text: &str) -> String {
         self.replies();
         self.text(text);
         self.run(500);

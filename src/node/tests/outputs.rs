@@ -4,6 +4,7 @@ use super::manage::{RESTART, set};
 use super::*;
 use crate::hardware::OUTPUTS;
 use crate::node::agenda::{FRAMES_BEFORE_ENTRY, Turn};
+use crate::node::health::Level;
 use crate::node::parameters::OutputParameter;
 
 const ARRAY_COMMAND: u32 = 0x1003_F20A;
@@ -349,6 +350,82 @@ fn neither_command_moves_an_output_of_the_other_type() {
     assert_eq!(rig.program.node.pulse(0), before, "the thesis's command is for a servo");
 }
 
+/// ArduPilot leaves out channels without a pulse while it is disarmed, and does not arm while the
+/// node is at ERROR.
+#[test]
+fn a_missing_command_is_an_error_unless_the_autopilot_says_that_it_is_disarmed() {
+    for (status, level) in [(Some(0), Level::Ok), (Some(255), Level::Error), (None, Level::Error)] {
+        let mut rig = hub();
+        rig.widths(&[(1, 1500)]);
+        for _ in 0..6 {
+            if let Some(status) = status {
+                rig.arm(status);
+            }
+            rig.run(500);
+        }
+        let code = Conditions::FAILSAFE.code();
+        assert_eq!((rig.code(), rig.level()), (code, level as u8), "{status:?}");
+        rig.run(5000);
+        assert_eq!(rig.level(), Level::Error as u8, "no ArmingStatus any more");
+    }
+}
+
+/// An autopilot (node 10) flies motors. A companion (node 50) commands a servo, fifty times a
+/// second, and says that it is disarmed.
+#[test]
+fn another_commander_with_an_output_of_its_own_does_not_stop_the_motors() {
+    let mut rig = with_motors();
+    for n in 0..300 {
+        let companion = width_from(50, 1200.0 + n as f32);
+        if n % 25 == 0 {
+            rig.arm(255);
+            rig.hear(&golden::frame(ARMING_STATUS & !0x7F | 50, &[0, 0xC0]));
+        }
+        rig.throttles(FULL_AND_HALF);
+        rig.hear(&companion);
+        rig.run(20);
+        if n > 50 {
+            assert_eq!(rig.servos_us()[6..], [2000, 1500], "{n}");
+        }
+    }
+    assert_eq!(rig.servos_us()[0], 1499);
+    assert_eq!(rig.code(), 0, "an output each is no second commander");
+    rig.arm(0);
+    rig.run(20);
+    assert_eq!(rig.servos_us()[6..], [1000, 1000]);
+}
+
+#[test]
+fn an_update_is_accepted_from_a_disarmed_autopilot_and_called_off_if_it_arms_before_it_begins() {
+    const UPDATE: &str = "1E28F8FF 00 66 77 2E 62 69 6E C9";
+    let mut rig = hub();
+    rig.program.node.update.start(true);
+    rig.widths(&[(1, 1500)]);
+    assert!(!rig.ask(UPDATE).starts_with("1E287FF8 00"), "commanded, and nobody says disarmed");
+    rig.arm(255);
+    assert!(!rig.ask(UPDATE).starts_with("1E287FF8 00"), "armed");
+    rig.arm(0);
+    rig.widths(&[(1, 1500)]);
+    rig.text(UPDATE);
+    rig.run(20);
+    rig.arm(255);
+    rig.run(500);
+    assert!(!rig.is_to_restart, "armed before it began");
+    rig.arm(0);
+    for _ in 0..20 {
+        rig.widths(&[(1, 1500)]);
+        rig.run(20);
+        rig.arm(0);
+    }
+    assert!(!rig.is_to_restart, "it was called off for good");
+    rig.text(UPDATE);
+    for _ in 0..20 {
+        rig.widths(&[(1, 1500)]);
+        rig.run(20);
+    }
+    assert!(rig.is_to_restart, "commanded, and disarmed");
+}
+
 /// A parachute would open.
 #[test]
 fn a_restart_moves_no_output_that_follows_no_command() {
@@ -393,7 +470,7 @@ fn the_safety_switch_stops_motors_with_the_minimum_and_ends_the_pulses_of_servos
     rig.throttles(FULL_AND_HALF);
     let now_ms = rig.now_ms();
     let Node { outputs, parameters, .. } = &mut rig.program.node;
-    outputs.act_on_safety_state(0, now_ms, parameters);
+    outputs.act_on_safety_state(10, 0, now_ms, parameters);
     rig.run(20);
     assert_eq!(rig.servos_us(), [0, 0, 0, 0, 0, 0, 1000, 1000]);
 }

@@ -2,6 +2,9 @@
 
 use crate::node::parameters::Parameters;
 
+/// False.
+pub const IS_BY_SOURCE: bool = false;
+
 /// Nothing.
 #[derive(Default)]
 pub struct Arming;
@@ -13,7 +16,7 @@ impl Arming {
     }
 
     /// Does nothing.
-    pub fn act_on_status(&mut self, _status: u8) {}
+    pub fn act_on_status(&mut self, _id: u8, _status: u8) {}
 
     /// False.
     pub fn is_armed(&self) -> bool {
@@ -22,6 +25,21 @@ impl Arming {
 
     /// False.
     pub fn is_disarmed(&self, _parameters: &Parameters) -> bool {
+        false
+    }
+
+    /// False.
+    pub fn is_armed_by(&self, _id: u8) -> bool {
+        false
+    }
+
+    /// False.
+    pub fn is_disarmed_by(&self, _id: u8, _parameters: &Parameters) -> bool {
+        false
+    }
+
+    /// False.
+    pub fn is_said_disarmed(&self) -> bool {
         false
     }
 

@@ -17,8 +17,13 @@ impl Safety {
         false
     }
 
+    /// False.
+    pub fn is_safe_by(&self, _source: u8) -> bool {
+        false
+    }
+
     /// Does nothing.
-    pub fn begin(&mut self) {}
+    pub fn begin(&mut self, _source: u8) {}
 
     /// Does nothing.
     pub fn note_following(&mut self, _outputs: u8) {}

@@ -6,8 +6,8 @@ use crate::node::parameters::Parameters;
 use crate::node::store::Eeprom;
 use crate::node::wire::Transfer;
 
-/// Time without a followed command before an update, in milliseconds.
-pub const STILL_MS: u16 = 2000;
+/// False.
+pub const IS_THERE: bool = false;
 
 /// The response has no text.
 pub const TEXTS: &[&str] = &[""];
@@ -52,6 +52,14 @@ impl Update {
     pub fn act_on_request(&mut self, _request: &Transfer, _is_in_use: bool) -> Verdict {
         Verdict::NoLoader
     }
+
+    /// False.
+    pub fn is_accepted(&self) -> bool {
+        false
+    }
+
+    /// Does nothing.
+    pub fn call_off(&mut self) {}
 
     /// `None`.
     pub fn hand_over(

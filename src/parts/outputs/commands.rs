@@ -9,7 +9,13 @@ use crate::hardware::OUTPUTS;
 use crate::monitor::{Event, Line};
 use crate::node::parameters::Parameters;
 use crate::node::wire::Transfer;
-use crate::parts::motors;
+use crate::parts::{arming, motors, update};
+
+/// An output has two commanders if another node commands it within this time, in milliseconds.
+const SECOND_MS: u16 = 2000;
+
+/// An output is in use for this time after a followed command, in seconds: at least one less.
+const RECENT_S: u8 = 3;
 
 impl Outputs {
     /// True if no output follows commands, and no ArrayCommand came after the last followed one,
@@ -28,7 +34,7 @@ impl Outputs {
         if command.slots() == 0 {
             return Line::NONE;
         }
-        let line = self.blocked(parameters);
+        let line = self.blocked(command.source, parameters);
         if line != Line::NONE {
             return line;
         }
@@ -71,7 +77,7 @@ impl Outputs {
         if found == 0 {
             return Line::NONE;
         }
-        let line = self.blocked_motor(parameters);
+        let line = self.blocked_motor(command.source, parameters);
         if line == Line::NONE {
             let left_out = self.motors.kept() & !found;
             if left_out != 0 {
@@ -105,7 +111,7 @@ impl Outputs {
         if self.motors.is_motor(0) {
             return Line::RefusedType;
         }
-        let line = self.blocked(parameters);
+        let line = self.blocked(command.source, parameters);
         if line == Line::NONE {
             let &[position, ..] = command.bytes();
             self.each[0].entry = Command::of(command, CommandType::Byte, u16::from(position));
@@ -124,10 +130,10 @@ impl Outputs {
         }
     }
 
-    /// The line for the reason to reject all commands; [`Line::NONE`] if there is none.
+    /// The line for the reason to reject all commands of a node; [`Line::NONE`] if there is none.
     #[inline(always)]
-    fn blocked(&self, parameters: &Parameters) -> Line {
-        if self.arming.is_disarmed(parameters) {
+    fn blocked(&self, source: u8, parameters: &Parameters) -> Line {
+        if self.arming.is_disarmed_by(source, parameters) {
             Line::RefusedDisarmed
         } else if self.safety.is_safe() {
             Line::RefusedSafe
@@ -138,8 +144,12 @@ impl Outputs {
 
     /// The same for motors, which need an armed vehicle whatever ARM_REQ says.
     #[inline(always)]
-    fn blocked_motor(&self, parameters: &Parameters) -> Line {
-        if self.arming.is_armed() { self.blocked(parameters) } else { Line::RefusedDisarmed }
+    fn blocked_motor(&self, source: u8, parameters: &Parameters) -> Line {
+        if self.arming.is_armed_by(source) {
+            self.blocked(source, parameters)
+        } else {
+            Line::RefusedDisarmed
+        }
     }
 
     /// True if an entry waits to be followed.
@@ -168,11 +178,24 @@ impl Outputs {
         event.set_transfer(transfer);
         event.set_code(self.each[place(output)].id);
         let is_motor = motors::ARE_THERE && unit == CommandType::Throttle;
-        let mut line =
-            if is_motor { self.blocked_motor(parameters) } else { self.blocked(parameters) };
-        let mut commander = 0;
+        let mut line = if is_motor {
+            self.blocked_motor(source, parameters)
+        } else {
+            self.blocked(source, parameters)
+        };
+        let (mut commander, mut is_second) = (0, false);
         if line == Line::NONE {
             let before = self.each[place(output)].pulse();
+            if arming::IS_BY_SOURCE {
+                let followed = &mut self.each[place(output)];
+                is_second = followed.commander != source
+                    && followed.commander != 0
+                    && followed.has_followed_within(SECOND_MS, now_ms);
+                followed.commander = source;
+            }
+            if update::IS_THERE {
+                self.recent_s = RECENT_S;
+            }
             let (pulse, value) = self.each[place(output)].follow(now_ms);
             board.set(output, pulse);
             self.hears_commands = false;
@@ -193,7 +216,7 @@ impl Outputs {
         if self.waiting < bit {
             board.commit();
         }
-        Followed { line, commander }
+        Followed { line, commander, is_second }
     }
 
     /// The next output whose entry waits: from one output to the next, so that each has its turn

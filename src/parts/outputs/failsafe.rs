@@ -3,6 +3,7 @@
 use super::{Outputs, bit, place};
 use crate::hardware::OUTPUTS;
 use crate::node::parameters::Parameters;
+use crate::parts::{arming, update};
 
 impl Outputs {
     /// Starts the failsafe of each output when it is due. Call once a millisecond: it looks at one
@@ -16,8 +17,12 @@ impl Outputs {
         let is_motor = self.motors.is_motor(output);
         let is_late = self.each[place(output)].is_late(output, is_motor, now_ms, parameters);
         // A motor needs an armed vehicle, whatever ARM_REQ says.
-        let is_disarmed =
-            if is_motor { !self.arming.is_armed() } else { self.arming.is_disarmed(parameters) };
+        let commander = self.each[place(output)].commander;
+        let is_disarmed = if is_motor {
+            !self.arming.is_armed_by(commander)
+        } else {
+            self.arming.is_disarmed_by(commander, parameters)
+        };
         if is_late || is_disarmed {
             self.fail_output(output, parameters);
         }
@@ -57,6 +62,9 @@ impl Outputs {
     #[inline(always)]
     pub fn second(&mut self, now_ms: u16) {
         self.logged = 0;
+        if update::IS_THERE {
+            self.recent_s = self.recent_s.saturating_sub(1);
+        }
         self.arming.second();
         if self.safety.second() {
             self.end_safe(now_ms);
@@ -108,23 +116,43 @@ impl Outputs {
         None
     }
 
-    /// True if an output followed a command less than `time_ms` ago.
-    pub fn has_followed_within(&self, time_ms: u16, now_ms: u16) -> bool {
-        self.each.iter().any(|output| output.has_followed_within(time_ms, now_ms))
+    /// True if commands are not expected: the safety switch is on, or the autopilot says that the
+    /// vehicle is disarmed. ArduPilot then leaves out channels without a pulse.
+    #[inline(always)]
+    pub fn may_be_silent(&self) -> bool {
+        self.safety.is_safe() || self.arming.is_said_disarmed()
+    }
+
+    /// True if an update would take the outputs away from somebody: while armed; and unless
+    /// [`may_be_silent`](Self::may_be_silent), within two to three seconds of a followed command.
+    pub fn are_in_use(&self) -> bool {
+        self.arming.is_armed() || !self.may_be_silent() && self.recent_s != 0
+    }
+
+    /// True if a node is the last whose command an output followed.
+    #[inline(always)]
+    pub fn has_commander(&self, id: u8) -> bool {
+        arming::IS_BY_SOURCE && id != 0 && self.each.iter().any(|output| output.commander == id)
     }
 
     /// Acts on a SafetyState. While it says safe, silence is expected, and the outputs do what
     /// SAFE_MODE says.
-    pub fn act_on_safety_state(&mut self, status: u8, now_ms: u16, parameters: &Parameters) {
+    pub fn act_on_safety_state(
+        &mut self,
+        source: u8,
+        status: u8,
+        now_ms: u16,
+        parameters: &Parameters,
+    ) {
         const SAFE: u8 = 0;
         if status != SAFE {
-            if self.safety.is_safe() {
+            if self.safety.is_safe_by(source) {
                 self.end_safe(now_ms);
             }
             return;
         }
         let was_safe = self.safety.is_safe();
-        self.safety.begin();
+        self.safety.begin(source);
         for (n, output) in self.each.iter_mut().enumerate() {
             if !was_safe && (output.is_following() || self.failing & bit(n) != 0) {
                 self.safety.note_following(bit(n));

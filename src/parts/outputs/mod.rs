@@ -73,6 +73,9 @@ pub struct Followed {
     pub line: Line,
     /// The sender of the command, if this is the first of its entries that is followed.
     pub commander: u8,
+    /// The output followed another node's command a moment ago. Only of a build that knows the
+    /// commander of each output.
+    pub is_second: bool,
 }
 
 /// For a quick search, outputs are listed by the lower four bits of their ID. A single output is
@@ -94,6 +97,8 @@ pub struct Outputs {
     firsts: u8,
     /// Outputs whose last followed command was logged in this second: bit n is output n.
     logged: u8,
+    /// Seconds that the outputs are in use since the last followed command. For updates.
+    recent_s: u8,
     /// The output to look at next for an entry that waits.
     next: u8,
     /// Outputs in failsafe: bit n is output n.
@@ -132,6 +137,7 @@ impl Outputs {
             waiting: 0,
             firsts: 0,
             logged: 0,
+            recent_s: 0,
             next: 0,
             failing: 0,
             reported: 0,

@@ -35,6 +35,8 @@ pub struct Output {
     is_following: bool,
     /// Time of the last followed command, in milliseconds.
     followed_ms: u16,
+    /// Node ID of its sender; 0 if there is none.
+    pub commander: u8,
 }
 
 impl Output {
@@ -47,6 +49,7 @@ impl Output {
         pulse: 0,
         is_following: false,
         followed_ms: 0,
+        commander: 0,
     };
 
     /// Applies the parameters of the travel, also to the pulse.

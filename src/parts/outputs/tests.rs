@@ -172,12 +172,12 @@ fn arming_times_out_at_the_fourth_second() {
     let mut rig = Rig::new(&[(Parameter::ArmReq, 1), (OutputParameter::Fs.of(0), 3)]);
     assert_eq!((rig.pwm(1800.0), rig.servos.0[0]), (Line::RefusedDisarmed, 0));
     for status in [0, 1, 254] {
-        rig.outputs.arming.act_on_status(255);
+        rig.outputs.arming.act_on_status(10, 255);
         assert!(!rig.outputs.arming.is_disarmed(&rig.parameters));
-        rig.outputs.arming.act_on_status(status);
+        rig.outputs.arming.act_on_status(10, status);
         assert!(rig.outputs.arming.is_disarmed(&rig.parameters), "{status}");
     }
-    rig.outputs.arming.act_on_status(255);
+    rig.outputs.arming.act_on_status(10, 255);
     assert_eq!(rig.pwm(1800.0), Line::CommandPwm);
     for second in 1..=4 {
         assert_eq!(rig.outputs.pulse(0), 3600, "{second}");
@@ -202,7 +202,7 @@ mod safety {
 
     impl Rig {
         fn tell(&mut self, status: u8) {
-            self.outputs.act_on_safety_state(status, self.now_ms, &self.parameters);
+            self.outputs.act_on_safety_state(10, status, self.now_ms, &self.parameters);
         }
     }
 

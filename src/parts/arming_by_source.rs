@@ -1,0 +1,96 @@
+//! If the vehicle is armed, by the ArmingStatus of each node that commands an output. The statuses
+//! of one node neither arm nor disarm the outputs of another.
+
+use crate::node::parameters::{Parameter, Parameters};
+
+/// What a status says counts for this time, in seconds. ArduPilot sends two a second.
+const TIMEOUT_S: u8 = 4;
+
+/// ArmingStatus.status: fully armed (DSDL uavcan/equipment/safety/1100.ArmingStatus.uavcan).
+const FULLY_ARMED: u8 = 255;
+
+/// True: the sender of a command decides if it is followed.
+pub const IS_BY_SOURCE: bool = true;
+
+/// A node whose status said that the vehicle is armed.
+#[derive(Clone, Copy)]
+struct Source {
+    id: u8,
+    /// Seconds that it still counts.
+    armed_s: u8,
+}
+
+/// The arming of the vehicle, or of the vehicles of two commanders.
+pub struct Arming {
+    sources: [Source; 2],
+    /// Seconds that a status that said disarmed still counts.
+    disarmed_s: u8,
+}
+
+impl Arming {
+    /// Nobody has said anything.
+    pub const fn new() -> Self {
+        Self { sources: [Source { id: 0, armed_s: 0 }; 2], disarmed_s: 0 }
+    }
+
+    /// Acts on the status of an ArmingStatus from this node.
+    #[inline(always)]
+    pub fn act_on_status(&mut self, id: u8, status: u8) {
+        let is_armed = status == FULLY_ARMED;
+        if !is_armed {
+            self.disarmed_s = TIMEOUT_S;
+        }
+        let of_id = |source: &Source| source.id == id;
+        let is_free = |source: &Source| source.armed_s == 0;
+        let at = self.sources.iter().position(of_id);
+        let at = at.or_else(|| self.sources.iter().position(is_free));
+        if let Some(source) = at.and_then(|at| self.sources.get_mut(at)) {
+            *source = Source { id, armed_s: if is_armed { TIMEOUT_S } else { 0 } };
+        }
+    }
+
+    /// True if the last status of a node said that the vehicle is armed.
+    #[inline(always)]
+    pub fn is_armed(&self) -> bool {
+        self.sources.iter().any(|source| source.armed_s != 0)
+    }
+
+    /// True if the last status of this node said that the vehicle is armed.
+    #[inline(always)]
+    pub fn is_armed_by(&self, id: u8) -> bool {
+        self.sources.iter().any(|source| source.id == id && source.armed_s != 0)
+    }
+
+    /// True if a status said within four seconds that the vehicle is disarmed, and none that it is
+    /// armed.
+    pub fn is_said_disarmed(&self) -> bool {
+        self.disarmed_s != 0 && !self.is_armed()
+    }
+
+    /// True if ARM_REQ requires an armed vehicle, and no node says that it is.
+    #[inline(never)]
+    pub fn is_disarmed(&self, parameters: &Parameters) -> bool {
+        !self.is_armed() && parameters.is_on(Parameter::ArmReq)
+    }
+
+    /// True if ARM_REQ requires an armed vehicle, and this node does not say that it is.
+    #[inline(never)]
+    pub fn is_disarmed_by(&self, id: u8, parameters: &Parameters) -> bool {
+        parameters.is_on(Parameter::ArmReq) && !self.is_armed_by(id)
+    }
+
+    /// Counts down the timeouts. Call once a second.
+    #[inline(always)]
+    pub fn second(&mut self) {
+        for source in &mut self.sources {
+            source.armed_s = source.armed_s.saturating_sub(1);
+        }
+        self.disarmed_s = self.disarmed_s.saturating_sub(1);
+    }
+}
+
+impl Default for Arming {
+    fn default() -> Self {
+        Self::new()
+    }
+}
