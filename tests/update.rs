@@ -304,7 +304,7 @@ fn an_update_shortens_no_pulse_whatever_its_phase() {
     for phase in (0..20).step_by(2) {
         // A position of -0.8, which the output keeps when no more commands come.
         bench.send(0x1003_F20A, &[1, 0, 0x66, 0xBA, 0xC7]);
-        bench.run_ms(2500 + phase);
+        bench.run_ms(3100 + phase);
         let pulses = bench.bench.board(0).take_servo_pulses();
         assert!(pulses.len() > 50, "{}", pulses.len());
         let width = pulses.last().unwrap().width_us();

@@ -167,7 +167,7 @@ impl Node {
         command: &Transfer,
         context: &mut Context<P>,
     ) -> Line {
-        let line = self.outputs.act_on_raw_command(command, &self.parameters);
+        let line = self.outputs.act_on_raw_command(command);
         self.note_command(command, line, context.monitor)
     }
 

@@ -71,13 +71,13 @@ impl Outputs {
     /// Takes note of an esc.RawCommand: keeps its commands for the outputs that are motors. Returns
     /// the line for the reason of a refusal; [`Line::NONE`] if there is none.
     #[inline(always)]
-    pub fn act_on_raw_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
+    pub fn act_on_raw_command(&mut self, command: &Transfer) -> Line {
         let commands = esc::raw_commands(command.payload().len() as u8);
         let found = self.motors.commanded(commands, self.each.iter().map(|output| output.id));
         if found == 0 {
             return Line::NONE;
         }
-        let line = self.blocked_motor(command.source, parameters);
+        let line = self.blocked_motor(command.source);
         if line == Line::NONE {
             let left_out = self.motors.kept() & !found;
             if left_out != 0 {
@@ -144,11 +144,13 @@ impl Outputs {
 
     /// The same for motors, which need an armed vehicle whatever ARM_REQ says.
     #[inline(always)]
-    fn blocked_motor(&self, source: u8, parameters: &Parameters) -> Line {
-        if self.arming.is_armed_by(source) {
-            self.blocked(source, parameters)
-        } else {
+    fn blocked_motor(&self, source: u8) -> Line {
+        if !self.arming.is_armed_by(source) {
             Line::RefusedDisarmed
+        } else if self.safety.is_safe() {
+            Line::RefusedSafe
+        } else {
+            Line::NONE
         }
     }
 
@@ -178,11 +180,8 @@ impl Outputs {
         event.set_transfer(transfer);
         event.set_code(self.each[place(output)].id);
         let is_motor = motors::ARE_THERE && unit == CommandType::Throttle;
-        let mut line = if is_motor {
-            self.blocked_motor(source, parameters)
-        } else {
-            self.blocked(source, parameters)
-        };
+        let mut line =
+            if is_motor { self.blocked_motor(source) } else { self.blocked(source, parameters) };
         let (mut commander, mut is_second) = (0, false);
         if line == Line::NONE {
             let before = self.each[place(output)].pulse();
