@@ -78,7 +78,6 @@ impl Input {
     };
 
     /// The pin, which has the number of its channel in port C.
-    #[inline(always)]
     pub const fn pin(self) -> Pin {
         match self {
             Self::Sensor => SENSOR,

@@ -31,7 +31,6 @@ impl Adc {
     }
 
     /// Starts a conversion.
-    #[inline(always)]
     fn start(&mut self, against_bandgap: bool, input: Input) {
         self.adc.admux().write(|w| {
             // Safety: the number of a pin of port C is the number of a channel.

@@ -65,7 +65,6 @@ static mut CAN: Can = unsafe {
 /// # Safety
 ///
 /// INT0 must stay masked as long as the reference is alive, and there must be no other reference.
-#[inline(always)]
 unsafe fn can<'a>() -> &'a mut Can {
     let can = &raw mut CAN;
     // Safety: the pointer is to a static, so it is always valid. The caller guarantees that there
@@ -80,7 +79,6 @@ static mut READ: u8 = 0;
 
 /// Reads a counter that the other side may change. An `AtomicU8` would disable interrupts for the
 /// read, and a byte does not need that.
-#[inline(always)]
 fn load(counter: *const u8) -> u8 {
     // Safety: callers pass only `WRITTEN` and `READ`, which are statics and thus valid. One
     // instruction reads a byte, so the value is never torn. The read is volatile because the
@@ -88,14 +86,12 @@ fn load(counter: *const u8) -> u8 {
     unsafe { counter.read_volatile() }
 }
 
-#[inline(always)]
 fn exint() -> EXINT {
     // Safety: `Bus::new` has consumed these registers, so only this module uses them. One
     // instruction writes each register, so an interrupt cannot come between a read and a write.
     unsafe { EXINT::steal() }
 }
 
-#[inline(always)]
 fn mask() {
     // Safety: every value of EIMSK is valid.
     exint().eimsk().modify(|r, w| unsafe { w.bits(r.bits() & !INT0_BIT) });
@@ -103,7 +99,6 @@ fn mask() {
     compiler_fence(Ordering::SeqCst);
 }
 
-#[inline(always)]
 fn unmask() {
     // The compiler must not move an access to the controller to after the mask is cleared.
     compiler_fence(Ordering::SeqCst);
@@ -147,7 +142,6 @@ unsafe fn fetch() {
 }
 
 /// Does the work of the handler of the interrupt, with other interrupts enabled.
-#[inline(always)]
 fn fetch_in_handler() {
     // Safety: INT0 is masked, so the handler cannot interrupt itself, and no other handler uses the
     // controller or the queue. INT0 was enabled when the handler started, and the main loop has
@@ -157,7 +151,6 @@ fn fetch_in_handler() {
 
 /// The handler of the interrupt.
 #[cfg(not(feature = "outputs"))]
-#[inline(always)]
 fn handle_interrupt() {
     mask();
     // Safety: INT0 is masked, so this handler cannot interrupt itself.
@@ -248,7 +241,6 @@ impl Bus {
     }
 
     /// Calls `what` with the controller. INT0 is masked meanwhile, so no frame is received.
-    #[inline(always)]
     pub fn controller<R>(&mut self, what: impl FnOnce(&mut Can) -> R) -> R {
         mask();
         // Safety: INT0 stays masked until the reference ends. There is one `Bus`, and this method
@@ -259,7 +251,6 @@ impl Bus {
     }
 
     /// True if a received frame waits. Fetches frames that INT0 missed.
-    #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
         if load(&raw const WRITTEN) == load(&raw const READ) {
             if !self.interrupt.is_pulled_low() {
@@ -276,7 +267,6 @@ impl Bus {
 
     /// Calls `act` with the oldest received frame, if there is one, and removes the frame from the
     /// queue.
-    #[inline(always)]
     pub fn act_on_frame(&mut self, act: impl FnOnce(&Frame)) {
         let read = load(&raw const READ);
         if load(&raw const WRITTEN) == read {

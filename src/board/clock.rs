@@ -23,7 +23,6 @@ interrupt!(TIMER0_COMPA {
 
 /// Reads the milliseconds, modulo 256. An `AtomicU8` would disable interrupts for the read, and a
 /// byte does not need that.
-#[inline(always)]
 fn ticks() -> u8 {
     // Safety: the pointer is to a static. One instruction reads a byte, so the value is never torn.
     // The read is volatile because the handler changes the byte between two reads.
@@ -49,7 +48,6 @@ impl Clock {
     }
 
     /// True if a millisecond or more has begun since the last [`tick`](Self::tick).
-    #[inline(always)]
     pub fn has_ticked(&self) -> bool {
         ticks() != self.ticks
     }
@@ -64,7 +62,6 @@ impl Clock {
     }
 
     /// Milliseconds since the start, modulo 65,536, as of the last [`tick`](Self::tick).
-    #[inline(always)]
     pub fn now_ms(&self) -> u16 {
         self.now_ms
     }

@@ -12,7 +12,6 @@ use super::header::PROGRAM_FRONT;
 pub struct Image;
 
 impl<T: Table> Progmem<T> for Image {
-    #[inline(always)]
     fn byte(self, at: u16) -> u8 {
         let byte;
         let address = (&raw const PROGRAM_FRONT.image).addr() as u16 + T::BEGIN + at;

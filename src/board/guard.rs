@@ -93,7 +93,6 @@ pub fn start() {
 }
 
 /// Resets the watchdog. Call it once in each turn of the main loop.
-#[inline(always)]
 pub fn restart_watchdog() {
     avr_device::asm::wdr();
 }

@@ -53,7 +53,6 @@ const fn mask(pins: &[Option<Pin>], port: char) -> u8 {
 /// # Safety
 ///
 /// The caller must own the pin of this bit. `PORT` and `BIT` must be constants of an [`Output`].
-#[inline(always)]
 unsafe fn set<const PORT: char, const BIT: u8>(is_high: bool) {
     macro_rules! write {
         ($registers:ident, $portx:ident) => {{
@@ -76,7 +75,6 @@ unsafe fn set<const PORT: char, const BIT: u8>(is_high: bool) {
 }
 
 /// Returns true if the bit of PINx is 1.
-#[inline(always)]
 fn is_high<const PORT: char, const BIT: u8>() -> bool {
     // Safety: this only reads PINx, which has no side effect, so the owner of the port does not
     // matter.
@@ -116,7 +114,6 @@ impl<const PORT: char, const BIT: u8> Input<PORT, BIT> {
 
 impl<const PORT: char, const BIT: u8> Output<PORT, BIT> {
     /// Returns true if the level of the pin is high, also when a timer drives it.
-    #[inline(always)]
     pub fn is_driven_high(&self) -> bool {
         is_high::<PORT, BIT>()
     }
@@ -124,7 +121,6 @@ impl<const PORT: char, const BIT: u8> Output<PORT, BIT> {
 
 impl<const PORT: char, const BIT: u8> Input<PORT, BIT> {
     /// Returns true if the level of the pin is low.
-    #[inline(always)]
     pub fn is_pulled_low(&self) -> bool {
         !is_high::<PORT, BIT>()
     }
@@ -135,7 +131,6 @@ impl<const PORT: char, const BIT: u8> ErrorType for Output<PORT, BIT> {
 }
 
 impl<const PORT: char, const BIT: u8> OutputPin for Output<PORT, BIT> {
-    #[inline(always)]
     fn set_low(&mut self) -> Result<(), Infallible> {
         // Safety: there is one value of each output pin, and `&mut self` is that value, so the
         // caller owns the pin.
@@ -143,7 +138,6 @@ impl<const PORT: char, const BIT: u8> OutputPin for Output<PORT, BIT> {
         Ok(())
     }
 
-    #[inline(always)]
     fn set_high(&mut self) -> Result<(), Infallible> {
         // Safety: `&mut self` is the one value of this output pin, so the caller owns the pin.
         unsafe { set::<PORT, BIT>(true) };

@@ -25,38 +25,32 @@ impl Event {
     }
 
     /// Sets `%s`: a node ID.
-    #[inline(always)]
     pub fn set_source(&mut self, source: u8) {
         self.bytes[Field::SOURCE as usize] = source;
     }
 
     /// Sets `%t`: a transfer ID.
-    #[inline(always)]
     pub fn set_transfer(&mut self, transfer: u8) {
         self.bytes[Field::TRANSFER as usize] = transfer;
     }
 
     /// Sets `%c` or `%x`, a code in decimal or hexadecimal, or `%w`, the number of a line to
     /// insert.
-    #[inline(always)]
     pub fn set_code(&mut self, code: u8) {
         self.bytes[Field::CODE as usize] = code;
     }
 
     /// Sets the line.
-    #[inline(always)]
     pub fn set_line(&mut self, line: Line) {
         self.line = line;
     }
 
     /// Sets `%a`.
-    #[inline(always)]
     pub fn set_a(&mut self, a: u16) {
         self.a = a;
     }
 
     /// Sets `%b`.
-    #[inline(always)]
     pub fn set_b(&mut self, b: u16) {
         self.b = b;
     }

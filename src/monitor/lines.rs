@@ -148,7 +148,6 @@ impl Monitor {
     }
 
     /// Returns the next code of the text, or `None` if this step finds none.
-    #[inline(always)]
     fn next_code(&mut self, flash: impl Progmem<Texts>) -> Option<u8> {
         if self.text_skip != 0 {
             self.find_text(flash);
@@ -172,7 +171,6 @@ impl Monitor {
     }
 
     /// Does one step of the search for the text.
-    #[inline(always)]
     fn find_text(&mut self, flash: impl Progmem<Texts>) {
         let mut texts = SKIPPED_AT_ONCE;
         let mut at = self.text_at;
@@ -202,7 +200,6 @@ impl Monitor {
         self.text_skip = skip.wrapping_add(1);
     }
 
-    #[inline(always)]
     fn begin_line(&mut self) {
         // Never twice in a row, so that during an endless flood other lines are sent, too.
         if self.lost != 0 && self.event(0).line != Line::Lost {

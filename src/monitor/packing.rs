@@ -29,7 +29,6 @@ const _: () = assert!(Field::LETTERS.len() <= FIELDS as usize);
 const PAIRS: u8 = b'\n'.wrapping_sub(FIRST_PAIR);
 
 impl From<u8> for Code {
-    #[inline(always)]
     fn from(code: u8) -> Self {
         let index = code.wrapping_sub(FIRST_PAIR);
         if index < PAIRS {

@@ -56,7 +56,6 @@ pub struct Words(u8);
 
 impl Words {
     /// The number of the `n`th word, counted from 0, for a field `%w`.
-    #[inline(always)]
     pub const fn number(self, n: u8) -> u8 {
         self.0.wrapping_add(n)
     }
@@ -70,7 +69,6 @@ impl Line {
     pub const NONE: Self = Self(0x7F);
 
     /// The index of the line in [`LINES`].
-    #[inline(always)]
     pub const fn number(self) -> u8 {
         self.0 & !Self::REJECTS
     }
@@ -82,7 +80,6 @@ impl Line {
     }
 
     /// True if the line logs that something was rejected.
-    #[inline(always)]
     pub const fn is_refusal(self) -> bool {
         self.0 & Self::REJECTS != 0
     }

@@ -215,7 +215,6 @@ impl<P> NodeAcceptance<P> {
 }
 
 impl<P: Progmem<Filters>> Acceptance for NodeAcceptance<P> {
-    #[inline(always)]
     fn register(&self, n: u8) -> u8 {
         // A node without an ID has no requests.
         if dialect::HAS_REQUESTS

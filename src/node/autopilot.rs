@@ -41,7 +41,6 @@ impl Autopilot {
 
     /// Takes note of a valid command from `source`. Returns true if the command before it was
     /// recent, and another node's.
-    #[inline(always)]
     pub fn commanded_by(&mut self, source: NodeId) -> bool {
         let is_second = self.recent_s != 0 && self.commander != source.get();
         *self = Self {
@@ -73,7 +72,6 @@ impl Autopilot {
     }
 
     /// Forgets an autopilot that is offline. Call once a second.
-    #[inline(always)]
     pub fn second(&mut self) {
         self.recent_s = self.recent_s.saturating_sub(1);
         self.online_s = self.online_s.saturating_sub(1);

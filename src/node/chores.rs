@@ -23,19 +23,16 @@ impl Chores {
     pub const NONE: Self = Self(0);
 
     /// True if no chore is pending.
-    #[inline(always)]
     pub fn is_empty(self) -> bool {
         self.0 == 0
     }
 
     /// Adds a chore.
-    #[inline(always)]
     pub fn add(&mut self, chore: Chore) {
         self.0 |= chore as u8;
     }
 
     /// Removes a chore. Returns true if it was in the set.
-    #[inline(always)]
     pub fn remove(&mut self, chore: Chore) -> bool {
         let is_pending = self.0 & chore as u8 != 0;
         self.0 &= !(chore as u8);

@@ -19,14 +19,12 @@ impl Node {
     }
 
     /// The set of filters for a node with an ID.
-    #[inline(always)]
     pub(super) fn row(&self) -> Row {
         if self.outputs.motors.is_any() { Row::WITH_MOTORS } else { Row::WITH_ID }
     }
 
     /// How often the controller tries to send a frame. An anonymous frame is sent once, because
     /// other nodes may send frames with the same identifier (specification, chapter 4).
-    #[inline(always)]
     pub fn attempts(&self) -> Attempts {
         if self.id == 0 { Attempts::Once } else { Attempts::UntilSent }
     }

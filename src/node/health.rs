@@ -27,7 +27,6 @@ pub trait CanCounters {
 }
 
 impl CanCounters for Counters {
-    #[inline(always)]
     fn word(&self, n: u8) -> u16 {
         Counters::word(self, n)
     }
@@ -88,14 +87,12 @@ impl Health {
     }
 
     /// True if this condition is set.
-    #[inline(always)]
     pub fn has(&self, condition: Conditions) -> bool {
         self.conditions.has(condition)
     }
 
     /// The worst level that the masks give to a condition that is set. FAILSAFE does not count if
     /// the outputs `may_be_silent`.
-    #[inline(always)]
     pub fn level(&self, parameters: &Parameters, may_be_silent: bool) -> Level {
         let mut code = self.code();
         if may_be_silent {
@@ -149,7 +146,6 @@ impl Health {
     }
 
     /// Clears the temporary conditions when their time is over. Call once a second.
-    #[inline(always)]
     pub fn second(&mut self) {
         if self.hold_s > 0 {
             self.hold_s -= 1;

@@ -24,7 +24,6 @@ const SIGNATURE: [u8; IMAGE_CRC] = [0x40, 0xA2, 0xE4, 0xF1, 0x64, 0x68, 0x91, 0x
 const NAME_AT: u8 = VERSIONS_LEN + BEFORE_CRC + BEHIND_CRC + 1;
 
 /// Index in [`PACKED`] of byte `at` of the versions, the length of the certificate, and the name.
-#[inline(always)]
 pub const fn index_of(mut at: u8) -> u8 {
     if HAS_DESCRIPTOR && at >= CRC_AT {
         at += BEFORE_CRC;

@@ -222,7 +222,6 @@ impl OutputParameter {
 
     /// The index of this parameter of an output, counted from 0; [`NONE`] if the build leaves it
     /// out.
-    #[inline(always)]
     pub const fn index(self, output: usize) -> u8 {
         if self.0 == NONE {
             return NONE;
@@ -274,7 +273,6 @@ impl At {
     }
 
     /// What the default is above that in flash: OUTn_ID has the number of the output.
-    #[inline(always)]
     fn above_default(self) -> u16 {
         if HAS_PREFIX && self.row == SINGLE.len() as u8 + OutputParameter::Id.0 {
             u16::from(self.output - 1)

@@ -67,7 +67,6 @@ impl BitTiming {
 
     /// Makes a timing of register values from elsewhere. Always sets BTLMODE, so that `cnf3` sets
     /// PS2.
-    #[inline(always)]
     pub const fn from_registers(cnf1: u8, cnf2: u8, cnf3: u8) -> Self {
         Self([cnf3, BTLMODE | cnf2, cnf1])
     }
@@ -97,7 +96,6 @@ impl BitTiming {
     }
 
     /// True unless this is [`UNSET`](Self::UNSET).
-    #[inline(always)]
     pub(crate) const fn is_set(self) -> bool {
         self.0[1] & BTLMODE != 0
     }

@@ -32,7 +32,6 @@ pub struct Configuration<A> {
 
 impl<A> Configuration<A> {
     /// The value of CANCTRL on the bus: normal mode, and OSM in one-shot mode.
-    #[inline(always)]
     pub(crate) fn canctrl(&self) -> u8 {
         self.attempts as u8
     }

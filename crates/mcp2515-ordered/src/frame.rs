@@ -29,7 +29,6 @@ impl Frame {
     pub const EMPTY: Self = Self { id: [0; 4], len: 0, data: [0; Self::MAX_LEN] };
 
     /// True for a standard or a remote frame: see [`FOREIGN`](Self::FOREIGN).
-    #[inline(always)]
     pub const fn is_foreign(&self) -> bool {
         self.id[0] & Self::FOREIGN != 0
     }
