@@ -166,6 +166,7 @@ firmwares:
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
 	@scripts/firmware $(UNO) full default tunnel
+	@scripts/boot $(UNO_MODULE)
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
 
