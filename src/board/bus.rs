@@ -27,7 +27,7 @@ use super::chip::{EXINT, SPI};
 use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
-use firmware::hardware::CAN_INTERRUPT;
+use firmware::hardware::{CAN_INTERRUPT, OUTPUTS};
 use firmware::node::acceptance::NodeAcceptance;
 use firmware::node::health::CanCounters;
 use mcp2515_ordered::{Frame, Mcp2515};
@@ -36,8 +36,9 @@ use mcp2515_ordered::{Frame, Mcp2515};
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
 
 /// Frames that can wait for the main loop. A power of two. The longest turn of the main loop takes
-/// 250 us, which is as long as three of the shortest frames of a transfer.
-const QUEUE_LEN: u8 = 4;
+/// 250 us, which is as long as three of the shortest frames of a transfer. With several outputs two
+/// such turns and an update of an output can come together.
+const QUEUE_LEN: u8 = if OUTPUTS == 1 { 4 } else { 8 };
 
 /// The number of the interrupt: INT0 is on D2, INT1 on D3.
 const INTERRUPT: u8 = CAN_INTERRUPT.bit - 2;
