@@ -55,9 +55,9 @@ fn assert_none(runs: &[Run], wrong: impl Fn(Scenario, &Outcome) -> Option<String
     assert!(wrong.is_empty(), "{} of {} floods\n{}", wrong.len(), runs.len(), wrong.join("\n"));
 }
 
-/// With several outputs one of the shortest frames in ten thousand is lost: they come each 87 us and
-/// have one buffer of the controller, and the longest SPI transfer of the main loop, the edges of
-/// several outputs and the read of the frame before come together (docs/decisions.md).
+/// With several outputs one of the shortest frames in ten thousand is lost: they come each 87 us,
+/// and the controller has one buffer for them. The longest SPI transfer of the main loop, the edges
+/// of the outputs and the read of the frame before can take as long (docs/decisions.md).
 fn most_lost(setup: Setup, frames: u64) -> u64 {
     if setup.outputs() > 1 { 1 + frames / 10_000 } else { 0 }
 }
