@@ -112,9 +112,9 @@ fn motors_follow_raw_commands_by_index_while_the_vehicle_is_armed() {
     // The command has eight frames; the node keeps the part that eighteen motors need.
     node.command(&[2048; 20]);
     assert_eq!(node.motors_us(), [Some(1250.0); 4]);
-    // A shorter command leaves the other motors unchanged.
+    // A shorter command stops the other motors.
     node.command(&[8191]);
-    assert_eq!(node.motors_us(), [Some(2000.0), Some(1250.0), Some(1250.0), Some(1250.0)]);
+    assert_eq!(node.motors_us(), [Some(2000.0), Some(1000.0), Some(1000.0), Some(1000.0)]);
 }
 
 #[test]
@@ -150,8 +150,9 @@ fn an_array_command_between_the_frames_of_a_raw_command_breaks_neither() {
 #[test]
 fn a_motor_stops_at_disarming_and_ignores_commands() {
     let mut node = Motors::new();
+    assert_eq!(node.motors_us(), [None; 4], "it was never commanded");
     node.command(&[4096; 4]);
-    assert_eq!(node.motors_us(), [None; 4], "the vehicle was never armed");
+    assert_eq!(node.motors_us(), [Some(1000.0); 4], "the vehicle was never armed");
     node.rig.wait_for_line("refused: command from 10 tid 0, disarmed", 50);
     node.arm(ARMED);
     node.command(&[4096; 4]);
@@ -173,7 +174,7 @@ fn without_arming_statuses_the_vehicle_counts_as_disarmed_after_four_seconds() {
     assert_eq!(node.motors_us(), [Some(1000.0); 4]);
 }
 
-/// OUTn_FS is for servos. A motor has a timeout even with OUTn_TIMEOUT 0.
+/// OUTn_FS and OUTn_TIMEOUT are for servos.
 #[test]
 fn a_motor_stops_when_its_commands_stop_and_the_other_outputs_continue() {
     let mut node = Motors::new();
@@ -185,11 +186,12 @@ fn a_motor_stops_when_its_commands_stop_and_the_other_outputs_continue() {
     node.arm(ARMED);
     node.rig.send_commands(&[(1, PWM, 1600.0)]);
     node.command(&[4096, 4096, 4096]);
-    node.rig.run_ms(300);
-    assert_eq!(node.motors_us(), [Some(1000.0), Some(1500.0), Some(1500.0), None]);
+    node.rig.run_ms(100);
+    assert_eq!(node.motors_us(), [Some(1500.0), Some(1500.0), Some(1500.0), None]);
+    node.rig.run_ms(200);
+    assert_eq!(node.motors_us(), [Some(1000.0), Some(1000.0), Some(1000.0), None]);
     assert_eq!(node.rig.next_status(), (ERROR, FAILSAFE));
     assert!(node.rig.serial.contains("FAILSAFE of output 5"), "{}", node.rig.serial);
-    node.rig.run_ms(1000);
     let widths = node.widths_us();
     assert_eq!(widths[..4], [Some(1600.0), None, None, None]);
     assert_eq!(widths[4..], [Some(1000.0), Some(1000.0), Some(1000.0), None]);

@@ -28,11 +28,13 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 15] = [
     ("TELEM_RATE", 10, 0, 50),
 ];
 /// The parameters that follow in the preset "full", before those of the outputs.
-const OF_FULL: [(&str, i64, i64, i64); 14] = [
+const OF_FULL: [(&str, i64, i64, i64); 16] = [
     ("LIGHT_ID", 0, 0, 255),
     ("STATS_RATE", 0, 0, 10),
     ("SAFE_MODE", 1, 0, 1),
     ("OUT_COUNT", 1, 1, 8),
+    ("MOT_IDLE", 1, 0, 1),
+    ("MOT_TIMEOUT", 200, 50, 10_000),
     ("PWR_RATE", 0, 0, 50),
     ("PWR1_ID", 1, 0, 65_535),
     ("PWR1_VOLT_MULT", 1000, 100, 65_535),

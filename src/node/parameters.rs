@@ -134,6 +134,11 @@ parameters! {
     if feature = "outputs" {
         /// Outputs in use.
         OutCount "OUT_COUNT" 1..8 = 1,
+        /// 1 gives motors the pulse OUTn_MIN from the first esc.RawCommand on, also while the
+        /// vehicle is disarmed; 0 gives no pulse before it is armed.
+        MotIdle "MOT_IDLE" 0..1 = 1,
+        /// Time without a command until a motor stops, in milliseconds.
+        MotTimeout "MOT_TIMEOUT" 50..10000 = 200,
     }
     if feature = "power" {
         /// Rate of CircuitStatus, in messages a second; 0 does not measure the circuit.

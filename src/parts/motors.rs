@@ -23,6 +23,14 @@ pub struct Motors {
     /// Its transfer ID.
     transfer: u8,
     payload: [u8; KEPT],
+    /// Motors that got a command that they must not follow, and have not acted on it: bit n is
+    /// output n.
+    idle: u8,
+    /// Motors without a command in the last esc.RawCommand, which have not acted on it: bit n is
+    /// output n.
+    left_out: u8,
+    /// Node ID of its sender.
+    left_out_by: u8,
     /// The number of commands in the last esc.RawCommand, and the motors for which it had one: most
     /// have as many as the one before. 0 if the motors have changed.
     commands: u8,
@@ -49,6 +57,9 @@ impl Motors {
             source: 0,
             transfer: 0,
             payload: [0; KEPT],
+            idle: 0,
+            left_out: 0,
+            left_out_by: 0,
             commands: 0,
             commanded: 0,
         }
@@ -113,6 +124,36 @@ impl Motors {
         for (place, byte) in self.payload.iter_mut().zip(command.payload()) {
             *place = *byte;
         }
+    }
+
+    /// Takes note of an esc.RawCommand of this node, which has commands for the motors `found`.
+    #[inline(always)]
+    pub fn leave_out(&mut self, source: u8, found: u8) {
+        self.left_out = self.motors & !found;
+        self.left_out_by = source;
+    }
+
+    /// True, once, if the last esc.RawCommand left out the motor with this bit, which follows the
+    /// commands of the node `commander`: it stops.
+    #[inline(always)]
+    pub fn takes_left_out(&mut self, bit: u8, commander: u8) -> bool {
+        let is_left_out = self.left_out & bit != 0 && self.left_out_by == commander;
+        self.left_out &= !bit;
+        is_left_out
+    }
+
+    /// These motors, a bit each, got a command that they must not follow.
+    #[inline(always)]
+    pub fn refuse(&mut self, motors: u8) {
+        self.idle |= motors;
+    }
+
+    /// True, once, if the motor with this bit got a command that it must not follow.
+    #[inline(always)]
+    pub fn takes_idle(&mut self, bit: u8) -> bool {
+        let is_idle = self.idle & bit != 0;
+        self.idle &= !bit;
+        is_idle
     }
 
     /// Takes the command that is kept for the motor with this bit, whose ID is `index`.

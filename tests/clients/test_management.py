@@ -71,7 +71,9 @@ def test_parameters_are_read_until_the_empty_name(bench):
 
 def test_the_parameters_of_features_precede_those_of_the_outputs(bench):
     found = read_all_parameters(bench(elf=node_elf("full", board="uno")).dronecan())
-    features = ["LIGHT_ID", "STATS_RATE", "SAFE_MODE", "OUT_COUNT", "PWR_RATE"]
+    features = [
+        "LIGHT_ID", "STATS_RATE", "SAFE_MODE", "OUT_COUNT", "MOT_IDLE", "MOT_TIMEOUT", "PWR_RATE",
+    ]
     circuit = [
         "ID",
         "VOLT_MULT",

@@ -318,21 +318,50 @@ fn a_motor_follows_raw_commands_only_while_armed_and_stops_when_disarmed() {
 }
 
 #[test]
-fn the_failsafe_of_a_motor_is_off_whatever_out_fs_says_and_cannot_be_disabled() {
+fn a_motor_whose_commands_stop_is_off_after_mot_timeout_whatever_out_fs_and_out_timeout_say() {
     let mut rig = with_motors();
     rig.set_output(6, OutputParameter::Timeout, 0);
-    rig.set_output(7, OutputParameter::Timeout, 300);
     rig.set_output(7, OutputParameter::Fs, 0);
-    for n in 0..8 {
+    for timeout_ms in [200, 1000] {
+        rig.set(Parameter::MotTimeout, timeout_ms);
         rig.arm(255);
         rig.throttles(FULL_AND_HALF);
-        rig.run(if n == 7 { 400 } else { 100 });
+        rig.run(timeout_ms as u32 - 20);
+        assert_eq!(rig.servos_us()[6..], [2000, 1500], "{timeout_ms}");
+        rig.run(40);
+        assert_eq!(rig.servos_us()[6..], [1000, 1000], "{timeout_ms}");
+        assert_eq!(rig.code(), Conditions::FAILSAFE.code());
     }
-    assert_eq!(rig.servos_us()[6..], [2000, 1000]);
-    assert_eq!(rig.code(), Conditions::FAILSAFE.code());
+}
+
+#[test]
+fn a_motor_has_the_pulse_for_no_throttle_from_its_first_command_on_unless_mot_idle_is_0() {
+    for (idle, width_us) in [(1, 1000), (0, 0)] {
+        let mut rig = with_motors();
+        rig.set(Parameter::MotIdle, idle);
+        rig.run(20);
+        assert_eq!(rig.servos_us()[6..], [0, 0], "no command");
+        for _ in 0..20 {
+            rig.throttles(FULL_AND_HALF);
+            rig.run(20);
+            assert_eq!(rig.servos_us()[6..], [width_us; 2], "not armed");
+        }
+        rig.arm(255);
+        rig.throttles(FULL_AND_HALF);
+        assert_eq!(rig.servos_us()[6..], [2000, 1500]);
+    }
+}
+
+/// ArduPilot leaves channels out when it has disarmed, up to half a second before it says so.
+#[test]
+fn a_motor_stops_at_once_when_its_commander_leaves_it_out() {
+    let mut rig = with_motors();
     rig.arm(255);
-    rig.run(700);
-    assert_eq!(rig.servos_us()[6..], [1000, 1000]);
+    rig.throttles(FULL_AND_HALF);
+    assert_eq!(rig.servos_us()[6..], [2000, 1500]);
+    rig.throttles("FF 7C");
+    rig.run(10);
+    assert_eq!(rig.servos_us()[6..], [2000, 1000]);
 }
 
 #[test]
@@ -452,7 +481,7 @@ fn a_new_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
         rig.arm(255);
         rig.throttles(FULL_AND_HALF);
         rig.get_set(&set(0, value, name));
-        rig.run(20);
+        rig.throttles(FULL_AND_HALF);
         assert_eq!(rig.servos_us()[6..], [2000, 1500], "{name}");
     }
     let parameters = &rig.program.node.parameters;

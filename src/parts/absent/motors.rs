@@ -44,6 +44,22 @@ impl Motors {
     /// Nothing.
     pub fn keep(&mut self, _command: &Transfer, _motors: u8) {}
 
+    /// Nothing.
+    pub fn leave_out(&mut self, _source: u8, _found: u8) {}
+
+    /// False.
+    pub fn takes_left_out(&mut self, _bit: u8, _commander: u8) -> bool {
+        false
+    }
+
+    /// Nothing.
+    pub fn refuse(&mut self, _motors: u8) {}
+
+    /// False.
+    pub fn takes_idle(&mut self, _bit: u8) -> bool {
+        false
+    }
+
     /// `None`: the output is a servo.
     pub fn unpack(&self, _index: u8) -> Option<Throttle> {
         None

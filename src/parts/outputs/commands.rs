@@ -78,15 +78,18 @@ impl Outputs {
             return Line::NONE;
         }
         let line = self.blocked_motor(command.source);
-        if line == Line::NONE {
-            let left_out = self.motors.kept() & !found;
-            if left_out != 0 {
-                self.unpack(left_out);
-            }
-            self.motors.keep(command, found);
-            self.keep(found);
+        if line != Line::NONE {
+            self.motors.refuse(found);
+            return line;
         }
-        line
+        let left_out = self.motors.kept() & !found;
+        if left_out != 0 {
+            self.unpack(left_out);
+        }
+        self.motors.leave_out(command.source, found);
+        self.motors.keep(command, found);
+        self.keep(found);
+        Line::NONE
     }
 
     /// Unpacks the commands that are kept for these motors, a bit each, because the next

@@ -2,7 +2,7 @@
 
 use super::{Outputs, bit, place};
 use crate::hardware::OUTPUTS;
-use crate::node::parameters::Parameters;
+use crate::node::parameters::{Parameter, Parameters};
 use crate::parts::{arming, update};
 
 impl Outputs {
@@ -11,6 +11,10 @@ impl Outputs {
     #[inline(always)]
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         let output = self.next_ticked();
+        if self.motors.takes_idle(bit(output)) && parameters.is_on(Parameter::MotIdle) {
+            self.each[place(output)].idle();
+            self.touch();
+        }
         if !self.each[place(output)].is_following() {
             return false;
         }
@@ -23,7 +27,8 @@ impl Outputs {
         } else {
             self.arming.is_disarmed_by(commander, parameters)
         };
-        if is_late || is_disarmed {
+        let is_left_out = self.motors.takes_left_out(bit(output), commander);
+        if is_late || is_disarmed || is_left_out {
             self.fail_output(output, parameters);
         }
         if is_late {

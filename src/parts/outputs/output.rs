@@ -4,7 +4,7 @@ use dronecan_wire::{Slot, float16};
 
 use super::travel::{CommandType, Ticks, Travel};
 use super::{Command, NO_SLOT};
-use crate::node::parameters::{OutputParameter, Parameters};
+use crate::node::parameters::{OutputParameter, Parameter, Parameters};
 
 /// OUTn_FS: what the output does when commands stop. 3 ends the pulses.
 mod failsafe {
@@ -15,10 +15,6 @@ mod failsafe {
     /// Goes to OUTn_FS_PWM.
     pub const PWM: u8 = 2;
 }
-
-/// Time without a command until a motor stops if OUTn_TIMEOUT disables the failsafe, in
-/// milliseconds.
-const MOTOR_TIMEOUT_MS: u16 = 1000;
 
 /// An output.
 #[derive(Clone, Copy)]
@@ -93,7 +89,7 @@ impl Output {
         (self.pulse, value)
     }
 
-    /// True if no command was followed for OUTn_TIMEOUT. A motor always has a timeout.
+    /// True if no command was followed for OUTn_TIMEOUT, or by a motor for MOT_TIMEOUT.
     #[inline(always)]
     pub fn is_late(
         &self,
@@ -102,10 +98,11 @@ impl Output {
         now_ms: u16,
         parameters: &Parameters,
     ) -> bool {
-        let mut timeout_ms = parameters.of(output, OutputParameter::Timeout);
-        if is_motor && timeout_ms == 0 {
-            timeout_ms = MOTOR_TIMEOUT_MS;
-        }
+        let timeout_ms = if is_motor {
+            parameters.get(Parameter::MotTimeout)
+        } else {
+            parameters.of(output, OutputParameter::Timeout)
+        };
         timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms
     }
 
@@ -132,6 +129,13 @@ impl Output {
     fn stop_motor(&mut self) {
         self.is_following = false;
         if self.pulse != 0 {
+            self.pulse = self.travel.low();
+        }
+    }
+
+    /// A motor gets commands that it must not follow yet: gives it the pulse for no throttle.
+    pub fn idle(&mut self) {
+        if self.pulse == 0 {
             self.pulse = self.travel.low();
         }
     }
