@@ -230,7 +230,8 @@ impl Board for Arduino {
 
     #[inline(always)]
     fn send_frame(&mut self, frame: &Frame) {
-        self.bus.controller(|can| can.transmit(frame));
+        self.bus.controller(|can| can.begin_transmit(frame));
+        self.bus.controller(|can| can.finish_transmit(frame));
     }
 
     #[inline(always)]

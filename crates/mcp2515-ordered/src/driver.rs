@@ -349,12 +349,27 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     /// Passes a frame to the chip. Does nothing unless [`find_room`](Self::find_room) has found
     /// room.
-    #[inline(never)]
     pub fn transmit(&mut self, frame: &Frame) {
+        self.begin_transmit(frame);
+        self.finish_transmit(frame);
+    }
+
+    /// Passes the identifier and length of a frame to the chip, as the first half of
+    /// [`transmit`](Self::transmit): between the halves an interrupt handler can receive a frame.
+    #[inline(never)]
+    pub fn begin_transmit(&mut self, frame: &Frame) {
+        if let Some(rank) = self.room {
+            self.chip.write_identifier(rank, frame);
+        }
+    }
+
+    /// Passes the data of the same frame to the chip, and sends it.
+    #[inline(never)]
+    pub fn finish_transmit(&mut self, frame: &Frame) {
         let Some(rank) = self.room.take() else { return };
         self.tx_waiting |= rank.status();
         self.counters.count_long(Counter::TxRequests);
-        self.chip.send_frame(rank, frame);
+        self.chip.write_data_and_send(rank, frame);
     }
 
     /// Does the next of the four parts of a supervision, each of which takes less time than to pass

@@ -12,6 +12,8 @@ pub mod instruction {
     /// READ RX BUFFER of RXB0, from RXB0SIDH on; add 4 for RXB1. The rising edge of CS clears the
     /// buffer's RXnIF.
     pub const READ_RX_BUFFER: u8 = 0x90;
+    /// LOAD TX BUFFER of TXB0, from TXB0D0 on; add 2 for TXB1, and 4 for TXB2.
+    pub const LOAD_TX_DATA: u8 = 0x41;
     pub const READ_STATUS: u8 = 0xA0;
     pub const RESET: u8 = 0xC0;
 }
