@@ -208,10 +208,16 @@ fn two(state: &mut State, what: Two, d: u8, r: u8, at: u32) {
         Two::Sbc => value.minus(other, carry),
         _ => (Value::ANY, None),
     };
-    let new = new.with(sum_half(value, other, what, chain));
+    // A sum has the symbol of the operand that is not known, whichever that is.
+    let (symbol, constant) = if value.known().is_some() && other.known().is_none() {
+        (other, value)
+    } else {
+        (value, other)
+    };
+    let new = new.with(sum_half(symbol, constant, what, chain));
     state.flags.forget();
     state.flags.set(FLAG_C, carry);
-    if let (Two::Add, Some(half), Some(k)) = (what, value.half, other.known())
+    if let (Two::Add, Some(half), Some(k)) = (what, symbol.half, constant.known())
         && !half.is_high
     {
         state.flags.chain = Some((half, i16::from(k)));
@@ -378,7 +384,11 @@ fn one(state: &mut State, what: One, d: u8, at: u32) {
             state.set(d, new.with(half));
             state.name(d, at, 1);
             state.flags.set(FLAG_V, overflows);
-            result(state, vec![state.get(d)]);
+            let new = state.get(d);
+            result(state, vec![new]);
+            if what == One::Dec {
+                state.flags.test = Test::Decrement(new, value);
+            }
         }
         One::Com => {
             set_result(state, d, Value::range(!value.hi, !value.lo), at);

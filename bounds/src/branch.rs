@@ -25,6 +25,15 @@ pub fn assume(state: &mut State, flag: u8, is_set: bool) -> bool {
         Test::None => true,
         Test::Result(bytes) => assume_result(state, &bytes, flag, is_set),
         Test::Compare(bytes) => assume_comparison(state, &bytes, flag, is_set),
+        Test::Decrement(new, old) => match (flag, is_set) {
+            // From 0 it would be negative.
+            (FLAG_N, false) => {
+                let (lo, hi) = (old.lo.max(1), old.hi.min(0x80));
+                lo <= hi && state.refine(old, lo, hi) && state.refine(new, lo - 1, hi - 1)
+            }
+            (FLAG_Z | FLAG_N, _) => assume_result(state, &[new], flag, is_set),
+            _ => true,
+        },
         Test::Difference(new, old, k) => match flag {
             FLAG_C => assume_borrow(state, &new, &old, &k, is_set),
             FLAG_Z | FLAG_N => assume_result(state, &new, flag, is_set),

@@ -13,7 +13,7 @@ use crate::annotations::Annotations;
 use crate::chip::Chip;
 use crate::program::Program;
 use crate::stack::Analysis;
-use crate::{report, whole};
+use crate::{report, times, whole};
 
 /// Proves from the machine code of an AVR program how much stack and how many cycles it needs.
 #[derive(Debug, Clone, Parser)]
@@ -35,6 +35,9 @@ pub struct Options {
     /// A file with what the analysis cannot find.
     #[arg(long)]
     pub annotations: Option<PathBuf>,
+    /// Finds the times, too.
+    #[arg(long)]
+    pub cycles: bool,
     /// Prints JSON.
     #[arg(long)]
     pub json: bool,
@@ -62,7 +65,11 @@ pub fn run(args: &Args, out: &mut impl Write) -> Result<ExitCode> {
     let program = Program::from_elf(&elf, options.chip).with_context(|| path.to_string())?;
     let mut analysis = Analysis::new(&program, &annotations);
     let stack = whole::stack(&mut analysis).with_context(|| path.to_string())?;
-    let report = report::Report::new(&program, stack);
+    let times = match options.cycles {
+        true => Some(times::times(&mut analysis).with_context(|| path.to_string())?),
+        false => None,
+    };
+    let report = report::Report::new(&program, stack, times);
     if options.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
     } else {

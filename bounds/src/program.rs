@@ -234,28 +234,57 @@ impl Program {
     }
 }
 
-/// The name of a function with its type or trait, but without crates, modules and generics, so that
-/// it is the same in each build.
+/// The name of a function with its type, but without crates, modules and generics, so that it is the
+/// same in each build.
 pub fn short(demangled: &str) -> String {
-    let mut plain = String::new();
+    if !demangled.starts_with('<') {
+        return last_part(demangled);
+    }
+    // `<Type as Trait>::method::<T>` or `<Type>::method::<T>`.
     let mut depth = 0;
-    let text = demangled.strip_prefix('<').unwrap_or(demangled);
-    let is_method = text.len() != demangled.len();
-    let own = if is_method { text.split(" as ").next().unwrap_or(text) } else { text };
-    let method = demangled.rsplit("::").next().unwrap_or("").trim_matches('>');
-    for letter in own.chars() {
-        match letter {
-            '<' => depth += 1,
-            '>' => depth -= 1,
-            _ if depth == 0 => plain.push(letter),
-            _ => {}
-        }
-    }
-    // A generic function ends in "::" where its arguments were.
+    let end = demangled.find(|letter| {
+        depth += i32::from(letter == '<') - i32::from(letter == '>');
+        depth == 0
+    });
+    let Some((of, method)) = end.map(|end| (&demangled[1..end], &demangled[end + 1..])) else {
+        return demangled.into();
+    };
+    let own = without_generics(of);
+    let own = own.split(" as ").next().unwrap_or(&own);
+    format!("{}::{}", last_part(own), last_part(method))
+}
+
+/// The last part of a path.
+fn last_part(path: &str) -> String {
+    let plain = without_generics(path);
     let last = plain.trim_matches(':').rsplit("::").next();
-    if is_method {
-        let of = last.unwrap_or("");
-        return if of == method { of.into() } else { format!("{of}::{method}") };
+    last.filter(|last| !last.is_empty()).unwrap_or(path).into()
+}
+
+fn without_generics(path: &str) -> String {
+    let mut depth = 0;
+    let keeps = |letter: &char| {
+        let was_outside = depth == 0;
+        depth += i32::from(*letter == '<') - i32::from(*letter == '>');
+        was_outside && depth == 0
+    };
+    path.chars().filter(keeps).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::short;
+
+    #[test]
+    fn a_name_has_its_type_and_no_generics() {
+        assert_eq!(short("node::board::bus::fetch"), "fetch");
+        assert_eq!(short("node::store::read::<node::board::eeprom::Eeprom>"), "read");
+        assert_eq!(short("<node::Monitor>::next_byte::<node::Image>"), "Monitor::next_byte");
+        assert_eq!(short("<node::spi::CanSpi as embedded_hal::spi::SpiBus>::read"), "CanSpi::read");
+        assert_eq!(
+            short("<driver::Mcp2515<Spi, Output<'B': char, 1: u8>>>::poll"),
+            "Mcp2515::poll"
+        );
+        assert_eq!(short("main"), "main");
     }
-    last.unwrap_or(demangled).into()
 }

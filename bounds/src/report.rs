@@ -6,6 +6,7 @@ use serde::Serialize;
 
 use crate::chip::RAM_START;
 use crate::program::Program;
+use crate::times::{HandlerTime, StretchTime, Times, TurnTime};
 use crate::whole::{Frame, Stack};
 
 /// All that was found.
@@ -15,6 +16,8 @@ pub struct Report {
     pub chip: &'static str,
     /// The stack.
     pub stack: Stack,
+    /// The times, if they were asked for.
+    pub times: Option<Times>,
     /// Bytes of the variables, if the linker has defined their end.
     pub variables: Option<u32>,
     /// Bytes of variables and stack.
@@ -23,12 +26,12 @@ pub struct Report {
 
 impl Report {
     /// A report of a program.
-    pub fn new(program: &Program, stack: Stack) -> Self {
+    pub fn new(program: &Program, stack: Stack, times: Option<Times>) -> Self {
         // Variables above the stack do not count: then the linker's symbols say nothing about it.
         let end = stack.variables_end.filter(|end| *end <= stack.base);
         let variables = end.map(|end| u32::from(end.saturating_sub(RAM_START)));
         let ram_bytes = variables.map(|bytes| bytes + stack.bytes);
-        Self { chip: program.chip.name(), stack, variables, ram_bytes }
+        Self { chip: program.chip.name(), stack, times, variables, ram_bytes }
     }
 }
 
@@ -47,6 +50,29 @@ impl fmt::Display for Report {
                 write!(f, ", {nested} while another interrupt can come")?;
             }
             writeln!(f)?;
+        }
+        match &self.times {
+            Some(times) => write!(f, "{times}"),
+            None => Ok(()),
+        }
+    }
+}
+
+impl fmt::Display for Times {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for HandlerTime { interrupt, cycles } in &self.handlers {
+            if let Some(cycles) = cycles {
+                writeln!(f, "handler of {interrupt}: {cycles} cycles")?;
+            }
+        }
+        for StretchTime { blocks, cycles, begins, ends } in &self.stretches {
+            writeln!(f, "{blocks} blocked for {cycles} cycles, {begins} to {ends}")?;
+        }
+        for TurnTime { place, cycles } in &self.turns {
+            writeln!(f, "round of the endless loop at {place}: {cycles} cycles")?;
+        }
+        for text in &self.missing {
+            writeln!(f, "no bound: {text}")?;
         }
         Ok(())
     }

@@ -126,6 +126,10 @@ impl<'a> Analysis<'a> {
             }
             self.follow(&mut walk, at, state).map_err(|error| self.placed(error, at))?;
         }
+        if walk.summary.exit.is_none() {
+            let states = std::mem::take(&mut walk.states);
+            walk.summary.states = states.into_iter().map(|(at, (state, _))| (at, state)).collect();
+        }
         let Summary { edges, calls, .. } = &walk.summary;
         walk.summary.reads = crate::liveness::reads(self.program, edges, calls, entry.address);
         Ok(walk.summary)
@@ -163,7 +167,8 @@ impl<'a> Analysis<'a> {
         Ok(())
     }
 
-    fn targets(&self, at: u32, what: &str) -> Result<Vec<u32>> {
+    /// The targets of an indirect call or jump, from the annotations.
+    pub(crate) fn targets(&self, at: u32, what: &str) -> Result<Vec<u32>> {
         let function = self.program.function_name(at);
         self.annotations.targets(self.program, &function)?.with_context(|| {
             format!("an indirect {what} whose targets are not known: name them in an annotation")
@@ -235,6 +240,9 @@ impl<'a> Analysis<'a> {
         };
         let summary = self.summary(entry)?;
         walk.summary.count(state.height() + pushed, entry, &summary);
+        if summary.exit.is_none() {
+            walk.summary.endless_calls.insert((at, entry));
+        }
         *walk.summary.calls.entry(at).or_default() |= summary.reads;
         Ok(summary)
     }

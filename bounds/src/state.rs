@@ -41,6 +41,8 @@ pub enum Test {
     /// The bytes of the difference of a number and a constant, the number's bytes before, and the
     /// constant's.
     Difference(Vec<Value>, Vec<Value>, Vec<u8>),
+    /// The result of DEC, and the value before. DEC leaves the carry.
+    Decrement(Value, Value),
 }
 
 impl Test {
@@ -61,6 +63,9 @@ impl Test {
                 if k == other_k =>
             {
                 Self::Difference(values(new, other_new), values(old, other_old), k.clone())
+            }
+            (Self::Decrement(new, old), Self::Decrement(other_new, other_old)) => {
+                Self::Decrement(new.join(*other_new), old.join(*other_old))
             }
             _ => Self::None,
         }
@@ -135,7 +140,7 @@ pub const ENABLE_REGISTERS: [u16; 12] =
     [0x3D, 0x3F, 0x4C, 0x50, 0x57, 0x60, 0x68, 0x6E, 0x6F, 0x70, 0x7A, 0xC1];
 
 /// What is known of the bits that enable interrupts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Enables {
     /// Bits that are 0, for each of [`ENABLE_REGISTERS`].
     pub zeros: [u8; ENABLE_REGISTERS.len()],
@@ -280,6 +285,10 @@ impl State {
             Test::Difference(new, old, _) => {
                 new.iter_mut().for_each(drop);
                 old.iter_mut().for_each(drop);
+            }
+            Test::Decrement(new, old) => {
+                drop(new);
+                drop(old);
             }
         }
         if self.flags.chain.is_some_and(|(half, _)| half.id == id) {

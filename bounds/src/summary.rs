@@ -6,7 +6,7 @@ use crate::state::{ENABLE_REGISTERS, Enables, Interrupts, State, entry_half};
 use crate::value::Value;
 
 /// A function, and how it is entered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Entry {
     /// Its address.
     pub address: u32,
@@ -19,7 +19,7 @@ pub struct Entry {
 }
 
 /// What a function is entered by.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Kind {
     /// A call.
     Called,
@@ -59,6 +59,11 @@ pub struct Summary {
     /// The jumps of the function: from an instruction to the next ones. A call leads to the
     /// instruction behind it.
     pub edges: BTreeSet<(u32, u32)>,
+    /// The functions that are called and do not return, with the address of the call.
+    pub endless_calls: BTreeSet<(u32, Entry)>,
+    /// The states at the heads of loops and other places where paths meet, of a function that does
+    /// not return.
+    pub states: BTreeMap<u32, State>,
     /// The registers that the functions called at an address read.
     pub calls: BTreeMap<u32, u32>,
     /// The registers that the function reads before it writes them.
@@ -88,6 +93,8 @@ impl Summary {
             base: None,
             restarts: false,
             edges: BTreeSet::new(),
+            endless_calls: BTreeSet::new(),
+            states: BTreeMap::new(),
             calls: BTreeMap::new(),
             reads: 0,
         }

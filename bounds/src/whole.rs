@@ -120,6 +120,13 @@ pub fn vectors(program: &Program) -> Vec<(usize, u32)> {
     targets.filter(|(_, to)| *to != 0 && Some(*to) != start).collect()
 }
 
+/// Cycles from the beginning of the response to an interrupt to the first instruction of its
+/// handler: four that push the program counter, and the jump of the vector.
+pub fn vector_cycles(program: &Program, interrupt: usize) -> u32 {
+    const RESPONSE: u32 = 4;
+    RESPONSE + program.instruction(vector(interrupt)).map_or(0, |jump| jump.op.cycles())
+}
+
 fn handlers(analysis: &mut Analysis<'_>) -> Result<Vec<Handler>> {
     let program = analysis.program;
     let mut found: Vec<(Vec<usize>, Handler, Rc<Summary>)> = Vec::new();

@@ -1,0 +1,131 @@
+//! Cycles on the longest path: since the entry of a function, and since interrupts were blocked.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use crate::chip::INTERRUPTS;
+use crate::state::{Interrupts, State};
+
+/// What can be blocked: the number of a [`Watch`].
+pub type WatchIndex = usize;
+
+/// An interrupt, or all of them, whose blocked stretches are measured.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Watch {
+    /// All interrupts, by the I flag.
+    All,
+    /// An interrupt, an index of [`INTERRUPTS`], by the I flag or its own enable bit.
+    One(usize),
+}
+
+impl Watch {
+    /// True if the interrupt can be blocked in a state.
+    pub fn is_blocked(self, state: &State) -> bool {
+        let is_disabled = state.interrupts != Interrupts::Enabled;
+        match self {
+            Self::All => is_disabled,
+            Self::One(interrupt) => {
+                let (register, bit) = INTERRUPTS[interrupt].enable;
+                is_disabled || state.enables.get(register, bit) != Some(true)
+            }
+        }
+    }
+
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::All => "interrupts",
+            Self::One(interrupt) => INTERRUPTS[interrupt].name,
+        }
+    }
+}
+
+/// The cycles of a stretch that has not ended, and the address where it began.
+pub type Begun = Option<(u32, u32)>;
+
+/// The longest blocked stretches up to a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Blocked {
+    /// Of those that began in this function.
+    pub own: Begun,
+    /// Of those that had begun before its entry: cycles since the entry.
+    pub inherited: Option<u32>,
+}
+
+/// The times on the longest path to a place.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Clocks {
+    /// Cycles since the entry of the function.
+    pub total: u32,
+    /// For each watch.
+    pub blocked: Vec<Blocked>,
+}
+
+fn longer<T: Ord>(a: Option<T>, b: Option<T>) -> Option<T> {
+    // `None` is less than any value.
+    a.max(b)
+}
+
+impl Clocks {
+    /// At the entry of a function.
+    pub fn at_entry(watches: &[Watch], state: &State) -> Self {
+        let blocked = watches
+            .iter()
+            .map(|watch| Blocked { own: None, inherited: watch.is_blocked(state).then_some(0) });
+        Self { total: 0, blocked: blocked.collect() }
+    }
+
+    /// The longer of two, where two paths meet.
+    pub fn join(&mut self, other: &Self) {
+        self.total = self.total.max(other.total);
+        for (mine, theirs) in self.blocked.iter_mut().zip(&other.blocked) {
+            mine.own = longer(mine.own, theirs.own);
+            mine.inherited = longer(mine.inherited, theirs.inherited);
+        }
+    }
+}
+
+/// A stretch during which an interrupt is blocked.
+#[derive(Debug, Clone, Serialize, PartialEq, Eq)]
+pub struct Stretch {
+    /// The interrupt, or "interrupts".
+    pub blocks: &'static str,
+    /// Cycles at most, without those of handlers that interrupt it.
+    pub cycles: u32,
+    /// Address of the instruction that begins it.
+    pub begins: u32,
+    /// Address of the instruction that ends it.
+    pub ends: u32,
+}
+
+/// The stretches that have ended.
+#[derive(Debug, Clone, Default)]
+pub struct Ended {
+    /// The longest for each watch, beginning and end.
+    longest: BTreeMap<(WatchIndex, u32, u32), u32>,
+}
+
+impl Ended {
+    /// Notes a stretch.
+    pub fn note(&mut self, watch: WatchIndex, begins: u32, ends: u32, cycles: u32) {
+        let known = self.longest.entry((watch, begins, ends)).or_default();
+        *known = cycles.max(*known);
+    }
+
+    /// All stretches, the longest first.
+    pub fn list(&self, watches: &[Watch]) -> Vec<Stretch> {
+        let mut list: Vec<Stretch> = self
+            .longest
+            .iter()
+            .map(|((watch, begins, ends), cycles)| Stretch {
+                blocks: watches[*watch].name(),
+                cycles: *cycles,
+                begins: *begins,
+                ends: *ends,
+            })
+            .collect();
+        list.sort_by_key(|stretch| std::cmp::Reverse(stretch.cycles));
+        list
+    }
+}
