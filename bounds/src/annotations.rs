@@ -41,13 +41,14 @@ pub struct Indirect {
     pub reason: String,
 }
 
-/// The bound of the loops of a function for which the analysis finds none, or a larger one.
+/// The bound of a loop, or of several.
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Loop {
     /// The function that contains the loop.
     pub function: String,
-    /// Which of its loops, counted from 1 by address; all if it is left out.
+    /// Which of its loops, counted from 1 by address. If it is left out: those for which the
+    /// analysis finds no bound.
     pub number: Option<usize>,
     /// How often the loop goes back to its beginning, each time it is reached.
     pub at_most: u32,
@@ -102,11 +103,10 @@ impl Annotations {
         entry.targets.iter().map(find).collect::<Result<Vec<u32>>>().map(Some)
     }
 
-    /// The bound of loop `number` of a function, counted from 1.
-    pub fn bound(&self, function: &str, number: usize) -> Option<&Loop> {
-        let fits = |entry: &Loop| {
-            entry.function == function && entry.number.is_none_or(|wanted| wanted == number)
-        };
+    /// The bound of loop `number` of a function, counted from 1; `None`: of all loops of the
+    /// function for which the analysis finds none.
+    pub fn bound(&self, function: &str, number: Option<usize>) -> Option<&Loop> {
+        let fits = |entry: &Loop| entry.function == function && entry.number == number;
         let index = self.loops.iter().position(fits)?;
         self.used.borrow_mut().insert(("loop", index));
         self.loops.get(index)

@@ -38,6 +38,9 @@ pub struct Options {
     /// Finds the times, too.
     #[arg(long)]
     pub cycles: bool,
+    /// Lists the loops with their bounds, too.
+    #[arg(long, requires = "cycles")]
+    pub loops: bool,
     /// Prints JSON.
     #[arg(long)]
     pub json: bool,
@@ -72,6 +75,8 @@ pub fn run(args: &Args, out: &mut impl Write) -> Result<ExitCode> {
     let report = report::Report::new(&program, stack, times);
     if options.json {
         writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+    } else if options.loops {
+        write!(out, "{report:#}")?;
     } else {
         write!(out, "{report}")?;
     }

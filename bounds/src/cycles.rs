@@ -48,6 +48,21 @@ pub struct Timing<'a, 'b> {
     pub ended: Ended,
     /// Loops without a bound.
     pub missing: BTreeSet<String>,
+    /// Heads of loops for which the analysis finds no bound.
+    unbounded: BTreeSet<u32>,
+    /// The loops with a bound, by the address of the head: how often they go back to it at most.
+    pub bounds: BTreeMap<u32, Bound>,
+}
+
+/// The bound of a loop.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bound {
+    /// Number of the loop in its function, counted from 1.
+    pub number: usize,
+    /// How often it goes back to its head, each time it is reached.
+    pub rounds: u32,
+    /// Cycles of all these rounds.
+    pub cycles: u32,
 }
 
 /// The parts of a function.
@@ -75,6 +90,9 @@ struct Run {
     time: Time,
     /// Loops without a bound are noted, and not errors.
     is_lenient: bool,
+    /// A loop was found that has no bound. The function must be followed once more.
+    is_incomplete: bool,
+    bounds: Vec<(u32, Bound)>,
 }
 
 /// A loop has no bound.
@@ -99,6 +117,8 @@ impl<'a, 'b> Timing<'a, 'b> {
             orders: HashMap::new(),
             ended: Ended::default(),
             missing: BTreeSet::new(),
+            unbounded: BTreeSet::new(),
+            bounds: BTreeMap::new(),
         }
     }
 
@@ -111,17 +131,16 @@ impl<'a, 'b> Timing<'a, 'b> {
     /// # Errors
     /// If a path cannot be followed. Loops without a bound are in [`Self::missing`].
     pub fn function(&mut self, entry: Entry) -> Result<Rc<Time>> {
-        let mut state = State::at_entry(entry.interrupts, entry.enables);
-        if entry.kind == Kind::Called && self.analysis.has_zero_register() {
-            state.set(1, Value { half: Some(entry_half(1)), ..Value::ZERO });
-        }
-        self.enter(entry, &state)
+        self.enter(entry, &State::at_entry(entry.interrupts, entry.enables))
     }
 
     /// Follows a function with the registers of its caller.
     fn enter(&mut self, entry: Entry, caller: &State) -> Result<Rc<Time>> {
         let summary = self.analysis.function(entry)?;
         let mut state = State::at_entry(entry.interrupts, entry.enables);
+        if entry.kind == (Kind::Called { with_zero: true }) {
+            state.set(1, Value { half: Some(entry_half(1)), ..Value::ZERO });
+        }
         let mut ranges = Vec::new();
         for r in (0..32u8).filter(|r| summary.reads >> r & 1 != 0) {
             let Value { lo, hi, .. } = caller.get(r);
@@ -168,11 +187,16 @@ impl<'a, 'b> Timing<'a, 'b> {
         state: State,
         is_lenient: bool,
     ) -> Result<Time> {
-        let mut run = self.start(entry, summary, entry.address, state);
-        run.is_lenient = is_lenient;
-        let order = run.order.clone();
-        self.parts(&mut run, &order.parts)?;
-        Ok(run.time)
+        loop {
+            let mut run = self.start(entry, summary, entry.address, state.clone());
+            run.is_lenient = is_lenient;
+            let order = run.order.clone();
+            self.parts(&mut run, &order.parts)?;
+            if !run.is_incomplete {
+                self.note_bounds(&run);
+                return Ok(run.time);
+            }
+        }
     }
 
     /// The longest round of an endless loop of a function, in cycles, from the state in which it
@@ -182,11 +206,16 @@ impl<'a, 'b> Timing<'a, 'b> {
     /// If a path cannot be followed.
     pub fn turn(&mut self, entry: Entry, endless: &Loop, state: State) -> Result<u32> {
         let summary = self.analysis.function(entry)?;
-        let mut run = self.start(entry, &summary, endless.head, state);
-        run.is_lenient = true;
-        self.instruction(&mut run, endless.head)?;
-        self.parts(&mut run, &endless.body)?;
-        Ok(run.pending.get(&endless.head).map_or(0, |(_, clocks)| clocks.total))
+        loop {
+            let mut run = self.start(entry, &summary, endless.head, state.clone());
+            run.is_lenient = true;
+            self.instruction(&mut run, endless.head)?;
+            self.parts(&mut run, &endless.body)?;
+            if !run.is_incomplete {
+                self.note_bounds(&run);
+                return Ok(run.pending.get(&endless.head).map_or(0, |(_, clocks)| clocks.total));
+            }
+        }
     }
 
     /// The parts of a function, in order.
@@ -206,6 +235,8 @@ impl<'a, 'b> Timing<'a, 'b> {
             pending: BTreeMap::from([(at, (state, clocks))]),
             time: Time { exit: None, ended: vec![None; self.watches.len()] },
             is_lenient: false,
+            is_incomplete: false,
+            bounds: Vec::new(),
         }
     }
 
@@ -224,9 +255,13 @@ impl<'a, 'b> Timing<'a, 'b> {
         let head = inner.head;
         let number = 1 + run.order.heads.iter().position(|at| *at == head).unwrap_or(0);
         let function = self.program().function_name(head);
-        let mut most =
-            self.analysis.annotations.bound(&function, number).map(|found| found.at_most);
+        let annotations = self.analysis.annotations;
+        let mut most = annotations.bound(&function, Some(number)).map(|found| found.at_most);
+        if most.is_none() && self.unbounded.contains(&head) {
+            most = annotations.bound(&function, None).map(|found| found.at_most);
+        }
         let since_spdr = run.pending.get(&head).map_or(0, |(state, _)| state.since_spdr);
+        let begin = run.pending.get(&head).map_or(0, |(_, clocks)| clocks.total);
         let mut previous: Option<(State, u32)> = None;
         let is_annotated = most.is_some();
         for round in 0.. {
@@ -255,18 +290,34 @@ impl<'a, 'b> Timing<'a, 'b> {
                 return Ok(());
             }
             previous = run.pending.get(&head).map(|(state, clocks)| (state.clone(), clocks.total));
+            if let Some((_, total)) = previous {
+                run.bounds.push((head, Bound { number, rounds: round, cycles: total - begin }));
+            }
             self.instruction(run, head)?;
             self.parts(run, &inner.body)?;
         }
         Ok(())
     }
 
-    fn no_bound(&mut self, run: &Run, function: &str, number: usize, head: u32) -> Result<u32> {
+    fn note_bounds(&mut self, run: &Run) {
+        for (head, bound) in &run.bounds {
+            let known = self.bounds.entry(*head).or_insert(*bound);
+            known.rounds = known.rounds.max(bound.rounds);
+            known.cycles = known.cycles.max(bound.cycles);
+        }
+    }
+
+    /// A loop without a bound: it gets that of the annotations when the function is followed once
+    /// more.
+    fn no_bound(&mut self, run: &mut Run, function: &str, number: usize, head: u32) -> Result<u32> {
         let text = format!("{head:#x} in {function}: loop {number} has no bound");
+        run.is_incomplete |= self.unbounded.insert(head);
         if !run.is_lenient {
             return Err(NoBound(text).into());
         }
-        self.missing.insert(text);
+        if self.analysis.annotations.bound(function, None).is_none() {
+            self.missing.insert(text);
+        }
         Ok(1)
     }
 
@@ -358,12 +409,7 @@ impl<'a, 'b> Timing<'a, 'b> {
         caller: State,
         clocks: &Clocks,
     ) -> Result<()> {
-        let entry = Entry {
-            address: target,
-            kind: Kind::Called,
-            interrupts: caller.interrupts,
-            enables: caller.enables,
-        };
+        let entry = Entry::called(target, &caller);
         let time = self.enter(entry, &caller)?;
         for (index, ended) in time.ended.iter().enumerate() {
             let Some((cycles, end)) = ended else { continue };

@@ -100,7 +100,9 @@ impl Program {
             let Ok(name) = std::str::from_utf8(name) else { continue };
             if !name.is_empty() {
                 let is_data = symbol.st_type() == STT_OBJECT;
-                program.add(name, symbol.st_value(endian), symbol.st_type() == STT_FUNC, is_data);
+                // Handlers in assembler often have no type.
+                let is_function = symbol.st_type() == STT_FUNC || is_handler(name);
+                program.add(name, symbol.st_value(endian), is_function, is_data);
             }
         }
         if program.flash.iter().take(program.entry as usize).any(|byte| *byte != 0xFF) {
@@ -234,8 +236,14 @@ impl Program {
     }
 }
 
-/// The name of a function with its type, but without crates, modules and generics, so that it is the
-/// same in each build.
+/// True for avr-libc's name of a handler, `__vector_` with a number.
+fn is_handler(name: &str) -> bool {
+    let number = name.strip_prefix("__vector_");
+    number.is_some_and(|number| number.parse::<u8>().is_ok())
+}
+
+/// The name of a function with its type, but without crates, modules and generics, so that it is
+/// the same in each build.
 pub fn short(demangled: &str) -> String {
     if !demangled.starts_with('<') {
         return last_part(demangled);

@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use crate::chip::RAM_START;
 use crate::program::Program;
-use crate::times::{HandlerTime, StretchTime, Times, TurnTime};
+use crate::times::{HandlerTime, LoopBound, StretchTime, Times, TurnTime};
 use crate::whole::{Frame, Stack};
 
 /// All that was found.
@@ -52,7 +52,7 @@ impl fmt::Display for Report {
             writeln!(f)?;
         }
         match &self.times {
-            Some(times) => write!(f, "{times}"),
+            Some(times) => times.fmt(f),
             None => Ok(()),
         }
     }
@@ -68,8 +68,13 @@ impl fmt::Display for Times {
         for StretchTime { blocks, cycles, begins, ends } in &self.stretches {
             writeln!(f, "{blocks} blocked for {cycles} cycles, {begins} to {ends}")?;
         }
-        for TurnTime { place, cycles } in &self.turns {
-            writeln!(f, "round of the endless loop at {place}: {cycles} cycles")?;
+        if let Some(TurnTime { place, cycles }) = &self.turn {
+            writeln!(f, "turn of the main loop at {place}: {cycles} cycles")?;
+        }
+        if f.alternate() {
+            for LoopBound { place, number, rounds, cycles } in &self.loops {
+                writeln!(f, "loop {number}: {rounds} rounds, {cycles} cycles, {place}")?;
+            }
         }
         for text in &self.missing {
             writeln!(f, "no bound: {text}")?;

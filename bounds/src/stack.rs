@@ -33,9 +33,6 @@ pub struct Analysis<'a> {
     summaries: HashMap<Entry, Rc<Summary>>,
     leaders: Rc<HashSet<u32>>,
     active: Vec<u32>,
-    /// False if r1 is not known to be 0 at some call: then it is unknown at the entry of all
-    /// functions.
-    zero_register: bool,
 }
 
 /// A function whose paths are followed.
@@ -59,13 +56,7 @@ impl<'a> Analysis<'a> {
             summaries: HashMap::new(),
             leaders: Rc::new(program.leaders()),
             active: Vec::new(),
-            zero_register: true,
         }
-    }
-
-    /// True if r1 is 0 at every call.
-    pub fn has_zero_register(&self) -> bool {
-        self.zero_register
     }
 
     /// Analyses a function with all that it calls.
@@ -73,19 +64,6 @@ impl<'a> Analysis<'a> {
     /// # Errors
     /// If a path cannot be followed; the text says where and why.
     pub fn function(&mut self, entry: Entry) -> Result<Rc<Summary>> {
-        let result = self.summary(entry);
-        if let Err(error) = &result
-            && error.downcast_ref::<NoZero>().is_some()
-        {
-            self.zero_register = false;
-            self.summaries.clear();
-            self.active.clear();
-            return self.summary(entry);
-        }
-        result
-    }
-
-    fn summary(&mut self, entry: Entry) -> Result<Rc<Summary>> {
         if let Some(known) = self.summaries.get(&entry) {
             return Ok(known.clone());
         }
@@ -107,7 +85,7 @@ impl<'a> Analysis<'a> {
 
     fn walk(&mut self, entry: Entry) -> Result<Summary> {
         let mut state = State::at_entry(entry.interrupts, entry.enables);
-        if self.zero_register && entry.kind == Kind::Called {
+        if entry.kind == (Kind::Called { with_zero: true }) {
             state.set(1, Value::ZERO);
         }
         let mut walk = Walk {
@@ -137,9 +115,11 @@ impl<'a> Analysis<'a> {
 
     /// Adds the place to an error that has none yet.
     fn placed(&self, error: anyhow::Error, at: u32) -> anyhow::Error {
-        let is_placed =
-            error.downcast_ref::<NoZero>().is_some() || error.to_string().contains("0x");
-        if is_placed { error } else { anyhow!("{}: {error:#}", self.program.place(at)) }
+        if error.to_string().contains("0x") {
+            error
+        } else {
+            anyhow!("{}: {error:#}", self.program.place(at))
+        }
     }
 
     fn follow(&mut self, walk: &mut Walk, at: u32, state: State) -> Result<()> {
@@ -186,7 +166,7 @@ impl<'a> Analysis<'a> {
             && self.program.is_function(to)
             && !is_table_jump(self.program, to)
             && !walk.states.contains_key(&to);
-        if is_other_function && state.height() == 0 && walk.entry.kind == Kind::Called {
+        if is_other_function && state.height() == 0 && walk.entry.kind.is_called() {
             let summary = self.enter(walk, at, to, &state, 0)?;
             if let Some(exit) = &summary.exit {
                 let mut state = state;
@@ -229,16 +209,8 @@ impl<'a> Analysis<'a> {
         state: &State,
         pushed: u32,
     ) -> Result<Rc<Summary>> {
-        if self.zero_register && state.get(1).known() != Some(0) {
-            return Err(NoZero.into());
-        }
-        let entry = Entry {
-            address: target,
-            kind: Kind::Called,
-            interrupts: state.interrupts,
-            enables: state.enables,
-        };
-        let summary = self.summary(entry)?;
+        let entry = Entry::called(target, state);
+        let summary = self.function(entry)?;
         walk.summary.count(state.height() + pushed, entry, &summary);
         if summary.exit.is_none() {
             walk.summary.endless_calls.insert((at, entry));
@@ -253,7 +225,7 @@ impl<'a> Analysis<'a> {
             (Kind::Reset, _) => bail!("returns from the start of the program"),
             _ => {}
         }
-        let exit = Exit::of(walk.entry, state, self.zero_register);
+        let exit = Exit::of(walk.entry, state);
         match &mut walk.summary.exit {
             Some(known) => known.join(&exit),
             none => *none = Some(exit),
@@ -261,18 +233,6 @@ impl<'a> Analysis<'a> {
         Ok(())
     }
 }
-
-/// r1 is not known to be 0 at a call.
-#[derive(Debug)]
-struct NoZero;
-
-impl std::fmt::Display for NoZero {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("r1 is not 0 at a call")
-    }
-}
-
-impl std::error::Error for NoZero {}
 
 impl Walk {
     /// The next instruction to follow, with its state.

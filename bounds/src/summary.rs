@@ -21,12 +21,31 @@ pub struct Entry {
 /// What a function is entered by.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Kind {
-    /// A call.
-    Called,
+    /// A call, with r1 known to be 0, as the compilers have it, or not.
+    Called {
+        /// True if it is known.
+        with_zero: bool,
+    },
     /// A reset.
     Reset,
     /// An interrupt.
     Handler,
+}
+
+impl Kind {
+    /// True for a call.
+    pub fn is_called(self) -> bool {
+        matches!(self, Self::Called { .. })
+    }
+}
+
+impl Entry {
+    /// How a function is entered by a call.
+    pub fn called(address: u32, caller: &State) -> Self {
+        let with_zero = caller.get(1).known() == Some(0);
+        let State { interrupts, enables, .. } = *caller;
+        Self { address, kind: Kind::Called { with_zero }, interrupts, enables }
+    }
 }
 
 /// A depth of the stack in bytes, and the call that leads to it.
@@ -154,10 +173,10 @@ impl Depth {
 }
 
 impl Exit {
-    pub(crate) fn of(entry: Entry, state: &State, zero_register: bool) -> Self {
+    pub(crate) fn of(entry: Entry, state: &State) -> Self {
         let preserved = std::array::from_fn(|r| {
             let value = state.registers[r];
-            let is_zero = r == 1 && zero_register && entry.kind == Kind::Called;
+            let is_zero = r == 1 && entry.kind == (Kind::Called { with_zero: true });
             value.half == Some(entry_half(r as u8)) || is_zero && value.known() == Some(0)
         });
         Self {

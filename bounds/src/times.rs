@@ -34,12 +34,25 @@ pub struct StretchTime {
     pub ends: String,
 }
 
-/// An endless loop of the program.
+/// The main loop: the largest loop of the functions that do not return.
 #[derive(Debug, Clone, Serialize)]
 pub struct TurnTime {
     /// Its first instruction.
     pub place: String,
     /// Cycles of its longest round, without those of handlers.
+    pub cycles: u32,
+}
+
+/// A loop with a bound.
+#[derive(Debug, Clone, Serialize)]
+pub struct LoopBound {
+    /// Its first instruction.
+    pub place: String,
+    /// Its number in the function, by which an annotation can name it.
+    pub number: usize,
+    /// How often it goes back to its beginning, at most, each time it is reached.
+    pub rounds: u32,
+    /// Cycles of these rounds.
     pub cycles: u32,
 }
 
@@ -50,8 +63,10 @@ pub struct Times {
     pub handlers: Vec<HandlerTime>,
     /// The longest stretches, those of each interrupt together.
     pub stretches: Vec<StretchTime>,
-    /// The endless loops.
-    pub turns: Vec<TurnTime>,
+    /// The main loop.
+    pub turn: Option<TurnTime>,
+    /// The loops with a bound, the longest first.
+    pub loops: Vec<LoopBound>,
     /// Loops without a bound. If there are any, the other figures are no bounds.
     pub missing: Vec<String>,
 }
@@ -78,11 +93,13 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         }
     }
     let mut timing = Timing::new(analysis, watches.clone());
-    let mut turns = Vec::new();
-    for Endless { entry, inner, state } in endless::find(&mut timing, reset)? {
-        let cycles = timing.turn(entry, &inner, state).context("in the endless loop")?;
-        turns.push(TurnTime { place: program.place(inner.head), cycles });
-    }
+    let turn = match endless::main_loop(&mut timing, reset)? {
+        Some(Endless { entry, inner, state }) => {
+            let cycles = timing.turn(entry, &inner, state).context("in the main loop")?;
+            Some(TurnTime { place: program.place(inner.head), cycles })
+        }
+        None => None,
+    };
     let mut handlers = Vec::new();
     for (interrupt, address) in vectors {
         let name = INTERRUPTS[interrupt].name;
@@ -109,10 +126,19 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         begins: program.place(stretch.begins),
         ends: program.place(stretch.ends),
     });
+    let loops = timing.bounds.iter().map(|(head, bound)| LoopBound {
+        place: program.place(*head),
+        number: bound.number,
+        rounds: bound.rounds,
+        cycles: bound.cycles,
+    });
+    let mut loops: Vec<LoopBound> = loops.collect();
+    loops.sort_by_key(|found| std::cmp::Reverse(found.cycles));
     Ok(Times {
+        loops,
         handlers,
         stretches: stretches.collect(),
-        turns,
+        turn,
         missing: timing.missing.iter().cloned().collect(),
     })
 }
