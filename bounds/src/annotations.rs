@@ -3,9 +3,6 @@
 //!
 //! Functions are named as [`Program::function_name`] prints them.
 
-use std::cell::RefCell;
-use std::collections::BTreeSet;
-
 use anyhow::{Context, Result, bail, ensure};
 use serde::Deserialize;
 
@@ -24,9 +21,6 @@ pub struct Annotations {
     /// Waits for the hardware.
     #[serde(default)]
     pub wait: Vec<Wait>,
-    /// Entries that were used: the kind, and the index.
-    #[serde(skip)]
-    used: RefCell<BTreeSet<(&'static str, usize)>>,
 }
 
 /// The targets of the indirect calls and jumps of a function.
@@ -50,6 +44,8 @@ pub struct Loop {
     /// Which of its loops, counted from 1 by address. If it is left out: those for which the
     /// analysis finds no bound.
     pub number: Option<usize>,
+    /// The entry is for programs with this function only. Of two that fit the first counts.
+    pub with: Option<String>,
     /// How often the loop goes back to its beginning, each time it is reached.
     pub at_most: u32,
     /// Why it does not go back more often.
@@ -87,6 +83,12 @@ impl Annotations {
         Ok(this)
     }
 
+    /// Leaves out the entries that are for other programs.
+    pub fn keep_those_of(&mut self, program: &Program) {
+        let is_in = |name: &String| program.function_address(name).is_some();
+        self.loops.retain(|entry| entry.with.as_ref().is_none_or(is_in));
+    }
+
     /// The addresses to which the indirect calls and jumps of a function lead, if there is an
     /// entry for it.
     ///
@@ -95,8 +97,6 @@ impl Annotations {
     pub fn targets(&self, program: &Program, function: &str) -> Result<Option<Vec<u32>>> {
         let named = |entry: &&Indirect| entry.function == function;
         let Some(entry) = self.indirect.iter().find(named) else { return Ok(None) };
-        let index = self.indirect.iter().position(|other| std::ptr::eq(other, entry));
-        self.used.borrow_mut().insert(("indirect", index.unwrap_or(0)));
         let find = |name: &String| {
             program.function_address(name).with_context(|| format!("there is no function {name}"))
         };
@@ -107,27 +107,11 @@ impl Annotations {
     /// function for which the analysis finds none.
     pub fn bound(&self, function: &str, number: Option<usize>) -> Option<&Loop> {
         let fits = |entry: &Loop| entry.function == function && entry.number == number;
-        let index = self.loops.iter().position(fits)?;
-        self.used.borrow_mut().insert(("loop", index));
-        self.loops.get(index)
+        self.loops.iter().find(|entry| fits(entry))
     }
 
     /// The wait for a register.
     pub fn wait(&self, register: u16) -> Option<&Wait> {
-        let index = self.wait.iter().position(|entry| entry.register == register)?;
-        self.used.borrow_mut().insert(("wait", index));
-        self.wait.get(index)
-    }
-
-    /// The entries that no function needed: they may be out of date.
-    pub fn unused(&self) -> Vec<String> {
-        let used = self.used.borrow();
-        let loops = self.loops.iter().enumerate().filter(|(n, _)| !used.contains(&("loop", *n)));
-        let indirect =
-            self.indirect.iter().enumerate().filter(|(n, _)| !used.contains(&("indirect", *n)));
-        loops
-            .map(|(_, entry)| format!("loop of {}", entry.function))
-            .chain(indirect.map(|(_, entry)| format!("targets of {}", entry.function)))
-            .collect()
+        self.wait.iter().find(|entry| entry.register == register)
     }
 }

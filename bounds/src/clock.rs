@@ -76,6 +76,37 @@ impl Clocks {
         Self { total: 0, blocked: blocked.collect() }
     }
 
+    /// Lets time pass.
+    pub fn pass(&mut self, cycles: u32) {
+        self.total = self.total.saturating_add(cycles);
+        for Blocked { own, inherited } in &mut self.blocked {
+            if let Some((since, _)) = own {
+                *since = since.saturating_add(cycles);
+            }
+            if let Some(since) = inherited {
+                *since = since.saturating_add(cycles);
+            }
+        }
+    }
+
+    /// Lets a time pass that has no bound.
+    pub fn never_end(&mut self) {
+        self.pass(u32::MAX);
+    }
+
+    /// The same for the stretches that were shorter before.
+    pub fn never_end_where_longer(&mut self, before: &Self) {
+        for (now, before) in self.blocked.iter_mut().zip(&before.blocked) {
+            let is_longer = now.own > before.own;
+            if let (Some((since, _)), true) = (&mut now.own, is_longer) {
+                *since = u32::MAX;
+            }
+            if now.inherited > before.inherited {
+                now.inherited = Some(u32::MAX);
+            }
+        }
+    }
+
     /// The longer of two, where two paths meet.
     pub fn join(&mut self, other: &Self) {
         self.total = self.total.max(other.total);

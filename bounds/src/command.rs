@@ -5,7 +5,7 @@ use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use clap::Args as Arguments;
 use clap::Parser;
 
@@ -52,12 +52,13 @@ pub struct Options {
 /// Runs the command. Returns the exit code: 1 if a limit is exceeded.
 ///
 /// # Errors
-/// If a file cannot be read, or the program cannot be followed.
+/// If a file cannot be read, the program cannot be followed, or a handler or a stretch has no
+/// bound.
 pub fn run(args: &Args, out: &mut impl Write) -> Result<ExitCode> {
     let options = &args.options;
     let path = options.elf.display();
     let elf = fs::read(&options.elf).with_context(|| format!("cannot read {path}"))?;
-    let annotations = match &options.annotations {
+    let mut annotations = match &options.annotations {
         Some(path) => {
             let shown = path.display();
             let text = fs::read_to_string(path).with_context(|| format!("cannot read {shown}"))?;
@@ -66,6 +67,7 @@ pub fn run(args: &Args, out: &mut impl Write) -> Result<ExitCode> {
         None => Annotations::default(),
     };
     let program = Program::from_elf(&elf, options.chip).with_context(|| path.to_string())?;
+    annotations.keep_those_of(&program);
     let mut analysis = Analysis::new(&program, &annotations);
     let stack = whole::stack(&mut analysis).with_context(|| path.to_string())?;
     let times = match options.cycles {
@@ -79,6 +81,11 @@ pub fn run(args: &Args, out: &mut impl Write) -> Result<ExitCode> {
         write!(out, "{report:#}")?;
     } else {
         write!(out, "{report}")?;
+    }
+    if let Some(times) = &report.times
+        && !times.is_bounded()
+    {
+        bail!("{path}: a handler or a stretch has no bound: {}", times.missing.join("; "));
     }
     let is_exceeded =
         options.ram_limit.zip(report.ram_bytes).is_some_and(|(most, used)| used > most);

@@ -8,34 +8,24 @@ use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fmt;
 use std::rc::Rc;
 
-use anyhow::{Result, anyhow};
+use anyhow::{Result, anyhow, bail};
 
 use crate::clock::{Blocked, Clocks, Ended, Watch};
 use crate::opcode::Op;
-use crate::order::{Loop, Part, heads, parts};
+use crate::order::{Part, heads, parts};
+use crate::path::{Bound, Order, Run, Time, Turn, after_call};
 use crate::program::Program;
 use crate::stack::Analysis;
 use crate::state::{State, entry_half};
 use crate::step::{Flow, Step, step};
 use crate::summary::{Entry, Kind, Summary};
-use crate::value::{ENTRY_PAIRS, Half, Value, pair};
-use crate::wait;
+use crate::value::Value;
 
-/// Rounds of a loop that are followed, before the analysis gives up.
-const MOST_ROUNDS: u32 = 600;
+/// Instructions that are followed, before the analysis gives up.
+const STEPS: u32 = 20_000_000;
 
 /// A register whose range has at most this width is followed value by value if that is of use.
 const MOST_VALUES: u8 = 16;
-
-/// The times of a function.
-#[derive(Debug, Clone)]
-pub struct Time {
-    /// At the end: the state and the clocks. `None` if the function does not return.
-    pub exit: Option<(State, Clocks)>,
-    /// Stretches that began before the entry and end in the function: cycles from the entry, and
-    /// the address of the end, for each watch.
-    pub ended: Vec<Option<(u32, u32)>>,
-}
 
 /// The analysis of times.
 pub struct Timing<'a, 'b> {
@@ -49,29 +39,15 @@ pub struct Timing<'a, 'b> {
     /// Loops without a bound.
     pub missing: BTreeSet<String>,
     /// Heads of loops for which the analysis finds no bound.
-    unbounded: BTreeSet<u32>,
+    pub(crate) unbounded: BTreeSet<u32>,
     /// The loops with a bound, by the address of the head: how often they go back to it at most.
     pub bounds: BTreeMap<u32, Bound>,
-}
-
-/// The bound of a loop.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Bound {
-    /// Number of the loop in its function, counted from 1.
-    pub number: usize,
-    /// How often it goes back to its head, each time it is reached.
-    pub rounds: u32,
-    /// Cycles of all these rounds.
-    pub cycles: u32,
-}
-
-/// The parts of a function.
-#[derive(Debug)]
-pub struct Order {
-    /// The parts, in order.
-    pub parts: Vec<Part>,
-    /// Heads of all loops, by address.
-    pub heads: Vec<u32>,
+    /// The longest round of the largest endless loop so far.
+    pub turn: Option<Turn>,
+    /// Instructions that were followed.
+    pub(crate) steps: u32,
+    /// Heads of loops that took too many steps.
+    pub(crate) too_long: BTreeSet<u32>,
 }
 
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
@@ -82,22 +58,9 @@ struct Key {
     since_spdr: u8,
 }
 
-/// A function that is followed.
-struct Run {
-    summary: Rc<Summary>,
-    order: Rc<Order>,
-    pending: BTreeMap<u32, (State, Clocks)>,
-    time: Time,
-    /// Loops without a bound are noted, and not errors.
-    is_lenient: bool,
-    /// A loop was found that has no bound. The function must be followed once more.
-    is_incomplete: bool,
-    bounds: Vec<(u32, Bound)>,
-}
-
 /// A loop has no bound.
 #[derive(Debug)]
-struct NoBound(String);
+pub struct NoBound(pub String);
 
 impl fmt::Display for NoBound {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -119,6 +82,9 @@ impl<'a, 'b> Timing<'a, 'b> {
             missing: BTreeSet::new(),
             unbounded: BTreeSet::new(),
             bounds: BTreeMap::new(),
+            turn: None,
+            steps: 0,
+            too_long: BTreeSet::new(),
         }
     }
 
@@ -199,25 +165,6 @@ impl<'a, 'b> Timing<'a, 'b> {
         }
     }
 
-    /// The longest round of an endless loop of a function, in cycles, from the state in which it
-    /// begins each time.
-    ///
-    /// # Errors
-    /// If a path cannot be followed.
-    pub fn turn(&mut self, entry: Entry, endless: &Loop, state: State) -> Result<u32> {
-        let summary = self.analysis.function(entry)?;
-        loop {
-            let mut run = self.start(entry, &summary, endless.head, state.clone());
-            run.is_lenient = true;
-            self.instruction(&mut run, endless.head)?;
-            self.parts(&mut run, &endless.body)?;
-            if !run.is_incomplete {
-                self.note_bounds(&run);
-                return Ok(run.pending.get(&endless.head).map_or(0, |(_, clocks)| clocks.total));
-            }
-        }
-    }
-
     /// The parts of a function, in order.
     pub fn order(&mut self, entry: Entry, summary: &Summary) -> Rc<Order> {
         let order = self.orders.entry(entry).or_insert_with(|| {
@@ -237,10 +184,11 @@ impl<'a, 'b> Timing<'a, 'b> {
             is_lenient: false,
             is_incomplete: false,
             bounds: Vec::new(),
+            turn: None,
         }
     }
 
-    fn parts(&mut self, run: &mut Run, parts: &[Part]) -> Result<()> {
+    pub(crate) fn parts(&mut self, run: &mut Run, parts: &[Part]) -> Result<()> {
         for part in parts {
             match part {
                 Part::Instruction(at) => self.instruction(run, *at)?,
@@ -250,56 +198,10 @@ impl<'a, 'b> Timing<'a, 'b> {
         Ok(())
     }
 
-    /// Follows a loop until nothing goes back to its head.
-    fn rounds(&mut self, run: &mut Run, inner: &Loop) -> Result<()> {
-        let head = inner.head;
-        let number = 1 + run.order.heads.iter().position(|at| *at == head).unwrap_or(0);
-        let function = self.program().function_name(head);
-        let annotations = self.analysis.annotations;
-        let mut most = annotations.bound(&function, Some(number)).map(|found| found.at_most);
-        if most.is_none() && self.unbounded.contains(&head) {
-            most = annotations.bound(&function, None).map(|found| found.at_most);
-        }
-        let since_spdr = run.pending.get(&head).map_or(0, |(state, _)| state.since_spdr);
-        let begin = run.pending.get(&head).map_or(0, |(_, clocks)| clocks.total);
-        let mut previous: Option<(State, u32)> = None;
-        let is_annotated = most.is_some();
-        for round in 0.. {
-            if let Some((state, clocks)) = run.pending.get(&head)
-                && round > 0
-            {
-                let (before, total) = previous.take().unwrap_or((state.clone(), clocks.total));
-                let cycles = clocks.total - total;
-                if round == 1 && !is_annotated {
-                    most = wait::rounds(self.analysis, inner, &run.summary, since_spdr, cycles);
-                }
-                let is_stable = *state == before;
-                // The program stops in a loop without an exit.
-                if most.is_none() && is_stable && inner.has_exit(&run.summary.edges) {
-                    most = Some(self.no_bound(run, &function, number, head)?);
-                }
-                let is_last = most.map_or(is_stable, |most| round > most);
-                if is_last || round > MOST_ROUNDS {
-                    if round > MOST_ROUNDS {
-                        self.no_bound(run, &function, number, head)?;
-                    }
-                    run.pending.remove(&head);
-                    return Ok(());
-                }
-            } else if round > 0 {
-                return Ok(());
-            }
-            previous = run.pending.get(&head).map(|(state, clocks)| (state.clone(), clocks.total));
-            if let Some((_, total)) = previous {
-                run.bounds.push((head, Bound { number, rounds: round, cycles: total - begin }));
-            }
-            self.instruction(run, head)?;
-            self.parts(run, &inner.body)?;
-        }
-        Ok(())
-    }
-
     fn note_bounds(&mut self, run: &Run) {
+        if let Some(turn) = run.turn {
+            Turn::keep_larger(&mut self.turn, turn);
+        }
         for (head, bound) in &run.bounds {
             let known = self.bounds.entry(*head).or_insert(*bound);
             known.rounds = known.rounds.max(bound.rounds);
@@ -307,23 +209,16 @@ impl<'a, 'b> Timing<'a, 'b> {
         }
     }
 
-    /// A loop without a bound: it gets that of the annotations when the function is followed once
-    /// more.
-    fn no_bound(&mut self, run: &mut Run, function: &str, number: usize, head: u32) -> Result<u32> {
-        let text = format!("{head:#x} in {function}: loop {number} has no bound");
-        run.is_incomplete |= self.unbounded.insert(head);
-        if !run.is_lenient {
-            return Err(NoBound(text).into());
+    pub(crate) fn instruction(&mut self, run: &mut Run, at: u32) -> Result<()> {
+        let Some((state, mut clocks)) = run.pending.remove(&at) else { return Ok(()) };
+        self.steps += 1;
+        if self.steps > STEPS {
+            bail!("{}: the rounds of the loops are too many to follow", self.program().place(at));
         }
-        if self.analysis.annotations.bound(function, None).is_none() {
-            self.missing.insert(text);
-        }
-        Ok(1)
-    }
-
-    fn instruction(&mut self, run: &mut Run, at: u32) -> Result<()> {
-        let Some((state, clocks)) = run.pending.remove(&at) else { return Ok(()) };
         let instruction = self.program().instruction(at)?;
+        if instruction.op == Op::Sleep {
+            clocks.never_end();
+        }
         for Step { flow, state: after, cycles } in step(self.program(), state.clone(), instruction)?
         {
             let mut clocks = clocks.clone();
@@ -344,7 +239,7 @@ impl<'a, 'b> Timing<'a, 'b> {
                         self.jump(run, at, target, after.clone(), clocks.clone())?;
                     }
                 }
-                Flow::Return | Flow::ReturnFromInterrupt => run.leave(after, clocks)?,
+                Flow::Return | Flow::ReturnFromInterrupt => run.leave(after, &clocks)?,
             }
         }
         Ok(())
@@ -359,17 +254,18 @@ impl<'a, 'b> Timing<'a, 'b> {
         at: u32,
         cycles: u32,
     ) {
-        clocks.total += cycles;
+        clocks.total = clocks.total.saturating_add(cycles);
         for (index, watch) in self.watches.iter().enumerate() {
             let blocked = &mut clocks.blocked[index];
             if let Some((since, _)) = &mut blocked.own {
-                *since += cycles;
+                *since = since.saturating_add(cycles);
             }
             if let Some(since) = &mut blocked.inherited {
-                *since += cycles;
+                *since = since.saturating_add(cycles);
             }
             if watch.is_blocked(after) {
-                if !watch.is_blocked(before) {
+                let is_known = *blocked != Blocked::default();
+                if !watch.is_blocked(before) || !is_known {
                     blocked.own = Some((cycles, at));
                 }
                 continue;
@@ -415,77 +311,30 @@ impl<'a, 'b> Timing<'a, 'b> {
             let Some((cycles, end)) = ended else { continue };
             let Blocked { own, inherited } = clocks.blocked[index];
             if let Some((since, begun)) = own {
-                self.ended.note(index, begun, *end, since + cycles);
+                self.ended.note(index, begun, *end, since.saturating_add(*cycles));
             }
             if let Some(since) = inherited {
-                let ended = Some((since + cycles, *end));
+                let ended = Some((since.saturating_add(*cycles), *end));
                 run.time.ended[index] = run.time.ended[index].max(ended);
             }
         }
         let Some((exit, passed)) = &time.exit else { return Ok(()) };
         let mut clocks = clocks.clone();
-        clocks.total += passed.total;
+        clocks.total = clocks.total.saturating_add(passed.total);
         for (mine, theirs) in clocks.blocked.iter_mut().zip(&passed.blocked) {
             let through = theirs.inherited;
-            let own = mine.own.zip(through).map(|((since, at), more)| (since + more, at));
+            let own =
+                mine.own.zip(through).map(|((since, at), more)| (since.saturating_add(more), at));
             mine.own = own.max(theirs.own);
-            mine.inherited = mine.inherited.zip(through).map(|(since, more)| since + more);
+            mine.inherited =
+                mine.inherited.zip(through).map(|(since, more)| since.saturating_add(more));
         }
         let after = after_call(caller, exit);
         match back {
             Some(back) if run.summary.edges.contains(&(at, back)) => run.reach(back, after, clocks),
             Some(_) => Ok(()),
-            None => run.leave(after, clocks),
+            None => run.leave(after, &clocks),
         }
-    }
-}
-
-impl Run {
-    fn reach(&mut self, to: u32, state: State, clocks: Clocks) -> Result<()> {
-        match self.pending.get_mut(&to) {
-            Some((known, longest)) => {
-                known.join(&state)?;
-                longest.join(&clocks);
-            }
-            None => {
-                self.pending.insert(to, (state, clocks));
-            }
-        }
-        Ok(())
-    }
-
-    fn leave(&mut self, state: State, clocks: Clocks) -> Result<()> {
-        join_exit(&mut self.time.exit, state, &clocks)
-    }
-}
-
-fn join_exit(exit: &mut Option<(State, Clocks)>, state: State, clocks: &Clocks) -> Result<()> {
-    match exit {
-        Some((known, longest)) => {
-            known.join(&state)?;
-            longest.join(clocks);
-        }
-        none => *none = Some((state, clocks.clone())),
-    }
-    Ok(())
-}
-
-impl Time {
-    fn join(&mut self, other: &Self) -> Result<()> {
-        if let Some((state, clocks)) = &other.exit {
-            join_exit(&mut self.exit, state.clone(), clocks)?;
-        }
-        for (mine, theirs) in self.ended.iter_mut().zip(&other.ended) {
-            *mine = (*mine).max(*theirs);
-        }
-        Ok(())
-    }
-}
-
-impl Loop {
-    /// True if a path leads out of the loop.
-    fn has_exit(&self, edges: &BTreeSet<(u32, u32)>) -> bool {
-        edges.iter().any(|(from, to)| self.nodes.contains(from) && !self.nodes.contains(to))
     }
 }
 
@@ -494,42 +343,6 @@ fn narrow_register(summary: &Summary, state: &State) -> Option<u8> {
     let width = |r: &u8| state.get(*r).hi - state.get(*r).lo;
     let read = (0..32u8).filter(|r| summary.reads >> r & 1 != 0);
     read.filter(|r| (1..MOST_VALUES).contains(&width(r))).min_by_key(width)
-}
-
-/// The state of the caller after a call.
-fn after_call(mut caller: State, exit: &State) -> State {
-    let before = caller.registers;
-    for r in 0..32u8 {
-        let value = exit.get(r);
-        if value.half == Some(entry_half(r)) {
-            continue;
-        }
-        caller.set(r, value.with(value.half.and_then(|half| of_caller(&before, half))));
-    }
-    caller.flags.forget();
-    caller.flags.set(crate::opcode::FLAG_T, None);
-    caller.interrupts = exit.interrupts;
-    caller.enables = exit.enables;
-    caller.since_spdr = exit.since_spdr;
-    caller.forget_locals();
-    caller
-}
-
-/// The symbol of a caller's pair of registers plus an offset.
-fn of_caller(registers: &[Value; 32], half: Half) -> Option<Half> {
-    let index = half.id.checked_sub(ENTRY_PAIRS).filter(|index| *index < 16)? as usize;
-    let (low, high) = (registers[2 * index], registers[2 * index + 1]);
-    if let Some((id, offset)) = pair(low, high) {
-        let offset = offset.wrapping_add(half.offset);
-        return Some(if half.is_high { Half::high(id, offset) } else { Half::low(id, offset) });
-    }
-    match (half.is_high, low.half) {
-        (false, Some(low)) if !low.is_high => {
-            Some(Half::low(low.id, low.offset.wrapping_add(half.offset)))
-        }
-        (true, _) if half.offset == 0 => high.half,
-        _ => None,
-    }
 }
 
 /// Registers in the data space that an instruction reads, for loops that wait.

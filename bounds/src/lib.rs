@@ -2,7 +2,8 @@
 //!
 //! [`program`] reads the ELF and [`opcode`] decodes its instructions. [`step`] says what an
 //! instruction does to what is known of the processor ([`state`], [`value`]). [`stack`] follows all
-//! paths of each function, which also finds the targets of jumps, and adds up the stack.
+//! paths of each function, which also finds the targets of jumps, and adds up the stack. [`cycles`]
+//! follows them again, in order and each loop round by round, and adds up the time.
 //! What cannot be followed is an error with its place, unless the file of [`annotations`] says what
 //! is true there.
 
@@ -14,15 +15,18 @@ mod branch;
 pub mod chip;
 pub mod clock;
 pub mod command;
+mod countdown;
 pub mod cycles;
 mod decode;
-mod endless;
+pub mod enables;
 mod liveness;
 mod memory;
 pub mod opcode;
 pub mod order;
+mod path;
 pub mod program;
 pub mod report;
+mod rounds;
 pub mod stack;
 pub mod state;
 pub mod step;

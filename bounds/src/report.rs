@@ -61,23 +61,24 @@ impl fmt::Display for Report {
 impl fmt::Display for Times {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for HandlerTime { interrupt, cycles } in &self.handlers {
-            if let Some(cycles) = cycles {
-                writeln!(f, "handler of {interrupt}: {cycles} cycles")?;
-            }
+            writeln!(f, "handler of {interrupt}: {cycles}")?;
         }
         for StretchTime { blocks, cycles, begins, ends } in &self.stretches {
-            writeln!(f, "{blocks} blocked for {cycles} cycles, {begins} to {ends}")?;
+            writeln!(f, "{blocks} blocked for {cycles}, {begins} to {ends}")?;
         }
         if let Some(TurnTime { place, cycles }) = &self.turn {
-            writeln!(f, "turn of the main loop at {place}: {cycles} cycles")?;
+            writeln!(f, "turn of the main loop at {place}: {cycles}")?;
         }
         if f.alternate() {
             for LoopBound { place, number, rounds, cycles } in &self.loops {
                 writeln!(f, "loop {number}: {rounds} rounds, {cycles} cycles, {place}")?;
             }
         }
-        for text in &self.missing {
-            writeln!(f, "no bound: {text}")?;
+        let turn = self.turn.as_ref().map(|turn| turn.cycles);
+        if !self.is_bounded() || turn.is_some_and(|cycles| !cycles.is_bounded()) {
+            for text in &self.missing {
+                writeln!(f, "no bound: {text}")?;
+            }
         }
         Ok(())
     }

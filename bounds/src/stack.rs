@@ -104,10 +104,8 @@ impl<'a> Analysis<'a> {
             }
             self.follow(&mut walk, at, state).map_err(|error| self.placed(error, at))?;
         }
-        if walk.summary.exit.is_none() {
-            let states = std::mem::take(&mut walk.states);
-            walk.summary.states = states.into_iter().map(|(at, (state, _))| (at, state)).collect();
-        }
+        let states = std::mem::take(&mut walk.states);
+        walk.summary.states = states.into_iter().map(|(at, (state, _))| (at, state)).collect();
         let Summary { edges, calls, .. } = &walk.summary;
         walk.summary.reads = crate::liveness::reads(self.program, edges, calls, entry.address);
         Ok(walk.summary)
@@ -212,9 +210,6 @@ impl<'a> Analysis<'a> {
         let entry = Entry::called(target, state);
         let summary = self.function(entry)?;
         walk.summary.count(state.height() + pushed, entry, &summary);
-        if summary.exit.is_none() {
-            walk.summary.endless_calls.insert((at, entry));
-        }
         *walk.summary.calls.entry(at).or_default() |= summary.reads;
         Ok(summary)
     }

@@ -49,7 +49,7 @@ pub fn step(program: &Program, mut state: State, instruction: Instruction) -> Re
     if uses_stack(op) && state.half_sp.is_some() {
         bail!("the stack is used while half of SP is written");
     }
-    let (base_cycles, flow) = (op.cycles(), Flow::To(next));
+    let (base_cycles, flow) = (op.cycles() + halt(op), Flow::To(next));
     match op {
         Op::Brbs(flag, to) => return Ok(branch(&state, flag, true, to, next)),
         Op::Brbc(flag, to) => return Ok(branch(&state, flag, false, to, next)),
@@ -107,6 +107,22 @@ fn done(mut state: State, flow: Flow, cycles: u32) -> Step {
         since => (u32::from(since) + cycles).min(SINCE_MOST) as u8,
     };
     Step { flow, state, cycles }
+}
+
+/// Cycles for which the core halts when an instruction reads or writes the EEPROM: four behind the
+/// one that sets EERE, two behind the one that sets EEPE (ATmega48/88/168 datasheet 2545, 8.4.1).
+fn halt(op: Op) -> u32 {
+    const EECR: u16 = 0x3F;
+    match op {
+        Op::Sbi(io, bit) if u16::from(io) + 0x20 == EECR => match bit {
+            0 => 4,
+            1 => 2,
+            _ => 0,
+        },
+        Op::Out(io, _) if u16::from(io) + 0x20 == EECR => 4,
+        Op::Sts(EECR, _) => 4,
+        _ => 0,
+    }
 }
 
 /// The most cycles since a write of SPDR that are told apart. More than a transfer takes.

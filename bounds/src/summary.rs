@@ -78,10 +78,7 @@ pub struct Summary {
     /// The jumps of the function: from an instruction to the next ones. A call leads to the
     /// instruction behind it.
     pub edges: BTreeSet<(u32, u32)>,
-    /// The functions that are called and do not return, with the address of the call.
-    pub endless_calls: BTreeSet<(u32, Entry)>,
-    /// The states at the heads of loops and other places where paths meet, of a function that does
-    /// not return.
+    /// The states at the heads of loops and other places where paths meet.
     pub states: BTreeMap<u32, State>,
     /// The registers that the functions called at an address read.
     pub calls: BTreeMap<u32, u32>,
@@ -112,7 +109,6 @@ impl Summary {
             base: None,
             restarts: false,
             edges: BTreeSet::new(),
-            endless_calls: BTreeSet::new(),
             states: BTreeMap::new(),
             calls: BTreeMap::new(),
             reads: 0,

@@ -1,24 +1,53 @@
 //! The times of the whole program: each interrupt handler, each stretch with interrupts blocked, a
 //! turn of the main loop.
 
+use std::fmt;
+
 use anyhow::{Context as _, Result};
 use serde::Serialize;
 
 use crate::chip::INTERRUPTS;
 use crate::clock::Watch;
 use crate::cycles::Timing;
-use crate::endless::{self, Endless};
+use crate::path::Turn;
 use crate::stack::Analysis;
 use crate::whole::{handler, reset, vector_cycles, vectors};
 
-/// The time of an interrupt handler.
+/// A number of cycles, or none if a loop has no bound: then `null` in JSON.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(into = "Option<u32>")]
+pub struct Cycles(pub u32);
+
+impl Cycles {
+    /// True if there is a bound.
+    pub fn is_bounded(self) -> bool {
+        self.0 != u32::MAX
+    }
+}
+
+impl From<Cycles> for Option<u32> {
+    fn from(cycles: Cycles) -> Self {
+        cycles.is_bounded().then_some(cycles.0)
+    }
+}
+
+impl fmt::Display for Cycles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.is_bounded() {
+            true => write!(f, "{} cycles", self.0),
+            false => f.write_str("no bound"),
+        }
+    }
+}
+
+/// The time of an interrupt handler that returns.
 #[derive(Debug, Clone, Serialize)]
 pub struct HandlerTime {
     /// The interrupt, as the datasheet names it.
     pub interrupt: &'static str,
     /// Cycles from the interrupt's response to the end of RETI, without those of handlers that
-    /// interrupt it. `None` if the handler never returns.
-    pub cycles: Option<u32>,
+    /// interrupt it.
+    pub cycles: Cycles,
 }
 
 /// A stretch with an interrupt blocked.
@@ -27,7 +56,7 @@ pub struct StretchTime {
     /// The interrupt, or "interrupts" for all.
     pub blocks: &'static str,
     /// Cycles at most, without those of handlers that interrupt it.
-    pub cycles: u32,
+    pub cycles: Cycles,
     /// Where it begins.
     pub begins: String,
     /// Where it ends.
@@ -39,8 +68,8 @@ pub struct StretchTime {
 pub struct TurnTime {
     /// Its first instruction.
     pub place: String,
-    /// Cycles of its longest round, without those of handlers.
-    pub cycles: u32,
+    /// Cycles of its longest round, without those of handlers. A program that sleeps has no bound.
+    pub cycles: Cycles,
 }
 
 /// A loop with a bound.
@@ -67,8 +96,17 @@ pub struct Times {
     pub turn: Option<TurnTime>,
     /// The loops with a bound, the longest first.
     pub loops: Vec<LoopBound>,
-    /// Loops without a bound. If there are any, the other figures are no bounds.
+    /// Loops without a bound.
     pub missing: Vec<String>,
+}
+
+impl Times {
+    /// True if each handler and each stretch has a bound. A turn of the main loop may wait.
+    pub fn is_bounded(&self) -> bool {
+        let stretches = self.stretches.iter().map(|stretch| stretch.cycles);
+        let handlers = self.handlers.iter().map(|handler| handler.cycles);
+        stretches.chain(handlers).all(Cycles::is_bounded)
+    }
 }
 
 /// Stretches that are listed for each interrupt.
@@ -93,13 +131,13 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         }
     }
     let mut timing = Timing::new(analysis, watches.clone());
-    let turn = match endless::main_loop(&mut timing, reset)? {
-        Some(Endless { entry, inner, state }) => {
-            let cycles = timing.turn(entry, &inner, state).context("in the main loop")?;
-            Some(TurnTime { place: program.place(inner.head), cycles })
-        }
-        None => None,
-    };
+    // What is blocked from the reset to the first time that interrupts are enabled is no stretch.
+    timing.function(reset).context("from the start of the program")?;
+    let turn = timing.turn.take();
+    let turn = turn.map(|Turn { head, cycles, .. }| TurnTime {
+        place: program.place(head),
+        cycles: Cycles(cycles),
+    });
     let mut handlers = Vec::new();
     for (interrupt, address) in vectors {
         let name = INTERRUPTS[interrupt].name;
@@ -109,11 +147,13 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         let before = vector_cycles(program, interrupt);
         for (watch, ended) in time.ended.iter().enumerate() {
             if let Some((cycles, end)) = ended {
-                timing.ended.note(watch, address, *end, before + cycles);
+                timing.ended.note(watch, address, *end, before.saturating_add(*cycles));
             }
         }
-        let cycles = time.exit.as_ref().map(|(_, clocks)| before + clocks.total);
-        handlers.push(HandlerTime { interrupt: name, cycles });
+        if let Some((_, clocks)) = &time.exit {
+            let cycles = Cycles(before.saturating_add(clocks.total));
+            handlers.push(HandlerTime { interrupt: name, cycles });
+        }
     }
     let all = timing.ended.list(&watches);
     let of = |watch: &Watch| {
@@ -122,7 +162,7 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
     };
     let stretches = watches.iter().flat_map(of).map(|stretch| StretchTime {
         blocks: stretch.blocks,
-        cycles: stretch.cycles,
+        cycles: Cycles(stretch.cycles),
         begins: program.place(stretch.begins),
         ends: program.place(stretch.ends),
     });

@@ -1,0 +1,70 @@
+//! The bits that enable interrupts.
+
+use crate::chip::INTERRUPTS;
+
+/// The registers with bits that enable interrupts, in the data space.
+pub const ENABLE_REGISTERS: [u16; 12] =
+    [0x3D, 0x3F, 0x4C, 0x50, 0x57, 0x60, 0x68, 0x6E, 0x6F, 0x70, 0x7A, 0xC1];
+
+/// What is known of the bits that enable interrupts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
+pub struct Enables {
+    /// Bits that are 0, for each of [`ENABLE_REGISTERS`].
+    pub zeros: [u8; ENABLE_REGISTERS.len()],
+    /// Bits that are 1.
+    pub ones: [u8; ENABLE_REGISTERS.len()],
+}
+
+impl Enables {
+    /// Index of a register.
+    pub fn index(register: u16) -> Option<usize> {
+        ENABLE_REGISTERS.iter().position(|known| *known == register)
+    }
+
+    /// A bit, if it is known.
+    pub fn get(&self, register: u16, bit: u8) -> Option<bool> {
+        let at = Self::index(register)?;
+        let mask = 1 << bit;
+        match (self.zeros[at] & mask != 0, self.ones[at] & mask != 0) {
+            (true, _) => Some(false),
+            (_, true) => Some(true),
+            _ => None,
+        }
+    }
+
+    /// Sets a bit.
+    pub fn set(&mut self, register: u16, bit: u8, value: bool) {
+        if let Some(at) = Self::index(register) {
+            let mask = 1 << bit;
+            self.zeros[at] = self.zeros[at] & !mask | if value { 0 } else { mask };
+            self.ones[at] = self.ones[at] & !mask | if value { mask } else { 0 };
+        }
+    }
+
+    /// The byte that a register reads as.
+    pub fn read(&self, register: u16) -> Option<(u8, u8)> {
+        let at = Self::index(register)?;
+        Some((self.zeros[at], self.ones[at]))
+    }
+
+    /// A write of a byte of which bits are known.
+    pub fn write(&mut self, register: u16, zeros: u8, ones: u8) {
+        if let Some(at) = Self::index(register) {
+            (self.zeros[at], self.ones[at]) = (zeros, ones);
+        }
+    }
+
+    /// What is known of both.
+    pub fn join(&mut self, other: &Self) {
+        for at in 0..ENABLE_REGISTERS.len() {
+            self.zeros[at] &= other.zeros[at];
+            self.ones[at] &= other.ones[at];
+        }
+    }
+
+    /// True if the enable bit of an interrupt, an index of [`INTERRUPTS`], is known to be 0.
+    pub fn is_masked(&self, interrupt: usize) -> bool {
+        let (register, bit) = INTERRUPTS[interrupt].enable;
+        self.get(register, bit) == Some(false)
+    }
+}

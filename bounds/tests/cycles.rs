@@ -1,0 +1,174 @@
+//! The times of small programs: each figure is counted by hand, from the instruction set manual.
+
+mod support;
+
+use bounds::annotations::Annotations;
+use bounds::stack::Analysis;
+use bounds::times::{Times, times};
+use support::{assembled, compiled};
+
+/// Sets SP, and enables INT0 and interrupts.
+const BEGIN: &str = "
+    .type start, @function
+    start:
+    eor r1, r1
+    ldi r28, 0xFF
+    ldi r29, 0x04
+    out 0x3E, r29
+    out 0x3D, r28
+    sbi 0x1D, 0
+    sei
+";
+
+const NO_MAIN: &str = "rjmp .-2";
+
+fn timed(main: &str, handler: &str, annotations: &str) -> Times {
+    let text = format!("{BEGIN}\n{main}\n.type int0, @function\nint0:\n{handler}\nreti");
+    let program = assembled("cycles", &text);
+    let annotations = Annotations::parse(annotations).unwrap();
+    times(&mut Analysis::new(&program, &annotations)).unwrap()
+}
+
+/// Cycles of INT0's handler without its response, the jump of the vector and RETI.
+#[track_caller]
+fn handler(times: &Times) -> u32 {
+    let [int0] = &times.handlers[..] else { panic!("{times:?}") };
+    assert!(int0.cycles.is_bounded(), "{times:?}");
+    int0.cycles.0 - (4 + 3 + 4)
+}
+
+fn stretches(times: &Times, blocks: &str) -> Vec<u32> {
+    let of = times.stretches.iter().filter(|stretch| stretch.blocks == blocks);
+    of.map(|stretch| stretch.cycles.0).collect()
+}
+
+#[test]
+fn the_longer_of_two_paths_counts() {
+    // IN 1, SBRC 1 and no skip, LDS 2, MUL 2; the other path has the skip of two words, 3.
+    let times = timed(NO_MAIN, "in r24, 0x03\nsbrc r24, 0\nlds r25, 0x100\nmul r24, r25", "");
+    assert_eq!(handler(&times), 1 + 1 + 2 + 2);
+}
+
+#[test]
+fn a_counted_loop_has_the_bound_of_its_counter() {
+    // LDI 1, then ten rounds of ST 2, DEC 1, BRNE 2, the last of which does not branch.
+    let text = "ldi r24, 10\n1: st X+, r1\ndec r24\nbrne 1b";
+    assert_eq!(handler(&timed(NO_MAIN, text, "")), 1 + 10 * 5 - 1);
+}
+
+#[test]
+fn a_loop_with_a_counter_in_a_range_has_the_largest_of_its_bounds() {
+    // IN 1, ANDI 1, INC 1; from 1 to 8 rounds of NOP 1, DEC 1, BRNE 2.
+    let text = "in r24, 0x03\nandi r24, 7\ninc r24\n1: nop\ndec r24\nbrne 1b";
+    assert_eq!(handler(&timed(NO_MAIN, text, "")), 3 + 8 * 4 - 1);
+}
+
+#[test]
+fn a_delay_of_a_million_rounds_is_counted() {
+    // Rounds of SUBI 1, SBCI 1, SBCI 1, BRNE 2.
+    let text = "ldi r18, 0x40\nldi r24, 0x42\nldi r25, 0x0F\n\
+                1: subi r18, 1\nsbci r24, 0\nsbci r25, 0\nbrne 1b";
+    assert_eq!(handler(&timed(NO_MAIN, text, "")), 3 + 0xF_4240 * 5 - 1);
+}
+
+#[test]
+fn a_delay_until_a_borrow_has_a_round_more() {
+    // From 300 by 7 until less than 0: 42 rounds go back, and the 43rd does not.
+    let text = "ldi r24, 0x2C\nldi r25, 1\n1: sbiw r24, 7\nbrcc 1b";
+    assert_eq!(handler(&timed(NO_MAIN, text, "")), 2 + 42 * 4 + 3);
+}
+
+#[test]
+fn a_loop_that_ends_by_a_value_in_memory_has_no_bound() {
+    let text = "1: lds r24, 0x100\ntst r24\nbrne 1b";
+    let times = timed(NO_MAIN, text, "");
+    assert!(!times.is_bounded());
+    let [missing] = &times.missing[..] else { panic!("{times:?}") };
+    assert!(missing.contains("in int0: loop 1 has no bound"), "{missing}");
+    let annotation = "[[loop]]\nfunction = \"int0\"\nat_most = 4\nreason = \"a test\"";
+    // Five rounds of LDS 2, TST 1, BRNE 2.
+    assert_eq!(handler(&timed(NO_MAIN, text, annotation)), 5 * 5 - 1);
+}
+
+#[test]
+fn an_unbounded_loop_of_the_main_program_leaves_the_handlers_bounded() {
+    let times = timed("2: nop\n1: lds r24, 0x100\ntst r24\nbrne 1b\nrjmp 2b", "nop", "");
+    assert_eq!(handler(&times), 1);
+    assert!(times.is_bounded());
+    assert!(!times.turn.unwrap().cycles.is_bounded());
+}
+
+#[test]
+fn a_sleep_in_a_handler_has_no_bound() {
+    assert!(!timed(NO_MAIN, "sleep", "").is_bounded());
+}
+
+#[test]
+fn a_wait_for_the_spi_takes_as_long_as_a_byte() {
+    let text = "out 0x2E, r24\n1: in r24, 0x2D\nsbrs r24, 7\nrjmp 1b";
+    let annotation = "[[wait]]\nregister = 0x4D\ncycles = 17\nreason = \"a test\"";
+    // OUT 1; a round of IN 1, SBRS 1, RJMP 2 goes back 5 times, and the last round skips.
+    assert_eq!(handler(&timed(NO_MAIN, text, annotation)), 1 + 5 * 4 + 3);
+}
+
+#[test]
+fn a_stretch_without_interrupts_is_counted_to_the_instruction_that_ends_it() {
+    // CLI 1, LDS 2, STS 2, OUT 1.
+    let main = "1: in r24, 0x3F\ncli\nlds r25, 0x100\nsts 0x101, r25\nout 0x3F, r24\nrjmp 1b";
+    assert_eq!(stretches(&timed(main, "nop", ""), "interrupts"), [12, 6]);
+}
+
+/// A function that is called while interrupts are disabled, and enables them.
+#[test]
+fn a_stretch_that_ends_in_a_function_counts() {
+    // CLI 1, CALL 4, NOP 1, SEI 1.
+    let main = "1: cli\ncall f\nrjmp 1b\n.type f, @function\nf: nop\nsei\nret";
+    assert_eq!(stretches(&timed(main, "nop", ""), "interrupts"), [12, 7]);
+}
+
+/// A stretch that begins at the end of a turn and ends in the next turn.
+#[test]
+fn a_stretch_from_one_turn_to_the_next_counts() {
+    // CLI 1, NOP 1, RJMP 2, LDS 2, SEI 1.
+    let main = "1: lds r24, 0x100\nsei\nnop\ncli\nnop\nrjmp 1b";
+    assert!(stretches(&timed(main, "nop", ""), "interrupts").contains(&7));
+}
+
+#[test]
+fn a_mask_of_the_handler_that_nests_is_a_stretch_of_its_own() {
+    let main = "1: cbi 0x1D, 0\nmul r2, r3\nsbi 0x1D, 0\nrjmp 1b";
+    let times = timed(main, "cbi 0x1D, 0\nsei\nnop\ncli\nsbi 0x1D, 0", "");
+    // The handler: response 4, JMP 3, CBI 2, SEI 1, NOP 1, CLI 1, SBI 2, RETI 4. The mask: CBI 2,
+    // MUL 2, SBI 2.
+    assert_eq!(stretches(&times, "INT0"), [18, 6]);
+    // Response 4, JMP 3, CBI 2, SEI 1; CLI 1, SBI 2, RETI 4.
+    assert_eq!(stretches(&times, "interrupts"), [10, 7]);
+}
+
+/// `_delay_ms` of avr-libc, a division of libgcc, and a handler that the compiler has made.
+#[test]
+fn a_program_of_avr_gcc_is_bounded() {
+    let program = compiled(
+        "delay",
+        "#define F_CPU 16000000UL
+         #include <avr/interrupt.h>
+         #include <util/delay.h>
+         volatile uint16_t count, by;
+         ISR(INT0_vect) { count = count / by; }
+         int main(void) {
+             EIMSK = 1;
+             sei();
+             for (;;) { _delay_ms(100); cli(); PORTB ^= 1; _delay_us(10); sei(); }
+         }",
+        "-Os",
+    );
+    let none = Annotations::default();
+    let times = times(&mut Analysis::new(&program, &none)).unwrap();
+    assert!(times.is_bounded(), "{times:?}");
+    // A division takes 16 rounds; the compiler saves 14 registers.
+    assert!((200..400).contains(&times.handlers[0].cycles.0), "{times:?}");
+    let turn = times.turn.unwrap().cycles.0;
+    assert!((1_600_160..1_600_250).contains(&turn), "{turn}");
+    let masked = times.stretches.iter().find(|stretch| stretch.begins.contains("main")).unwrap();
+    assert!((160..180).contains(&masked.cycles.0), "{masked:?}");
+}
