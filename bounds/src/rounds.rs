@@ -148,8 +148,8 @@ impl Timing<'_, '_> {
         Ok(())
     }
 
-    /// Follows an endless loop, from the state that is true in each of its rounds. A stretch can last
-    /// from one round to the next.
+    /// Follows an endless loop, from the state that is true in each of its rounds. A stretch can
+    /// last from one round to the next.
     fn endless(&mut self, run: &mut Run, inner: &Loop) -> Result<()> {
         let Some((mut state, mut clocks)) = run.pending.remove(&inner.head) else { return Ok(()) };
         if let Some(any) = run.summary.states.get(&inner.head) {
