@@ -7,7 +7,7 @@ use dronecan_wire::types::{self, Message};
 
 use super::health::CanCounters;
 use super::receive::Context;
-use super::services::{Pending, Response};
+use super::services::{self, Pending, Response};
 use super::wire::Transfer;
 use super::{Constants, Node};
 use crate::hardware::OUTPUTS;
@@ -390,6 +390,19 @@ impl Received for Kind {
     #[inline(always)]
     fn most_entries(self) -> u8 {
         self.most()
+    }
+
+    /// The text of a GetSet: no parameter is a text.
+    #[inline(always)]
+    fn left_out(self, head: &[u8]) -> u8 {
+        match head {
+            &[_, index_and_tag, len, ..]
+                if self == Self::GetSet && index_and_tag & 7 == services::TEXT =>
+            {
+                len
+            }
+            _ => 0,
+        }
     }
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! Requests of clients, and the node's responses, one at a time and in order. The response to a
 //! SAVE waits until the save is over; with the feature `save-answers` the others go first.
 
-use dronecan_wire::Id;
+use dronecan_wire::{Id, Received};
 
 use super::condition::Conditions;
 use super::health::CanCounters;
@@ -404,6 +404,9 @@ impl Node {
     }
 }
 
+/// The tag of a GetSet's value that is a text.
+pub(super) const TEXT: u8 = 4;
+
 /// A decoded GetSet request.
 struct GetSet {
     /// The index of the parameter; [`parameters::NONE`] if the name is unknown or the index does
@@ -427,15 +430,18 @@ impl GetSet {
             INTEGER => 8,
             2 => 4,
             3 => 1,
-            _ => v0.saturating_add(1),
+            // A text, which the receiver may have left out.
+            _ if Kind::TAKES_ENTRIES => 1,
+            // At most 128 bytes. So long a text leaves no whole name.
+            _ => (v0 & 0x7F) + 1,
         };
-        let name_at = value_len.saturating_add(2);
-        if name_at > request.len() {
+        let name_at = value_len + 2;
+        if name_at > request.len() || request.is_too_short() {
             return None;
         }
         let mut parameter = if index_and_tag >> 3 == 0 { index } else { parameters::NONE };
         if name_at != request.len() {
-            let name = request.payload().get(usize::from(name_at)..);
+            let name = request.payload_from(name_at);
             parameter = name.map_or(parameters::NONE, |name| Parameters::find(name, flash));
         }
         let number = i32::from_le_bytes([v0, v1, v2, v3]);

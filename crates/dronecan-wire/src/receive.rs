@@ -155,6 +155,14 @@ pub trait Received: Copy + PartialEq {
         u8::MAX
     }
 
+    /// For a type that is not a list: the number of payload bytes that the receiver leaves out
+    /// after the first three, which are `head`. With this a text that is of no use to the node does
+    /// not take the place of what follows it.
+    #[inline(always)]
+    fn left_out(self, _head: &[u8]) -> u8 {
+        0
+    }
+
     /// The initial value of the CRC of a multi-frame transfer: see [`crc`](crate::crc).
     fn seed(self) -> u16;
 }

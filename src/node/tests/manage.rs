@@ -161,6 +161,41 @@ fn all_parameters_are_found_by_index_and_by_name_and_no_more() {
     }
 }
 
+/// The program with several outputs leaves the text out. The others keep 27 bytes of the request.
+#[cfg(feature = "standard")]
+#[test]
+fn a_name_after_a_text_is_compared_whole_or_not_at_all() {
+    let mut rig = Rig::new();
+    let request = |len: u8, name: &str| {
+        let text = vec![b'x'; len.into()];
+        [&[0, 4, len], text.as_slice(), name.as_bytes()].concat()
+    };
+    for name in ["OUT1_FS", "OUT1_FS_PWM", "CAN_NODE"] {
+        let by_name = rig.get_set(&[&[0, 0], name.as_bytes()].concat());
+        for len in 0..=128 {
+            let is_kept = OUTPUTS > 1 || 3 + usize::from(len) + name.len() <= 27;
+            let expected: &[u8] = if is_kept { &by_name } else { &NO_SUCH_PARAMETER };
+            assert_eq!(rig.get_set(&request(len, name)), expected, "{name} after {len}");
+        }
+        assert_eq!(rig.get_set(&request(0, &format!("{name}_"))), NO_SUCH_PARAMETER, "{name}");
+    }
+    // Without a name, by the index.
+    let by_index = rig.get_set(&[0, 0]);
+    assert_eq!(rig.get_set(&request(5, "")), by_index);
+}
+
+#[cfg(feature = "standard")]
+#[test]
+fn a_request_that_ends_within_its_text_has_no_answer() {
+    let mut rig = Rig::new();
+    rig.run(1100);
+    for len in 4..60 {
+        let payload = [&[0, 4, len][..], &vec![b'x'; usize::from(len) - 1]].concat();
+        let request = golden::transfer(0x1E0B_F8FF, golden::GET_SET, 1, &payload);
+        assert_eq!(rig.ask_frames(&request), [], "{len} bytes");
+    }
+}
+
 #[cfg(feature = "standard")]
 #[test]
 fn every_parameter_takes_both_ends_of_its_range_and_nothing_beyond() {

@@ -25,6 +25,9 @@ impl Slot {
     }
 }
 
+/// Number of bytes before those that [`Received::left_out`] counts.
+const HEAD_LEN: u8 = 3;
+
 /// The place of an entry that is not kept.
 const NOWHERE: u8 = 0x80;
 
@@ -52,7 +55,8 @@ pub struct Transfer<K, const KEPT: usize> {
     pub(super) kept_at: u8,
     /// In a list: the slots with an entry, a bit each.
     pub(super) slots: u8,
-    /// In a list: number of complete entries.
+    /// In a list: number of complete entries. Else: number of bytes that are still to be left out,
+    /// see [`Received::left_out`].
     pub(super) entries: u8,
     /// The transfer is lost if its next frame does not come until then.
     pub(super) expires_ms: u16,
@@ -113,12 +117,25 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
     }
 
+    /// The payload from this byte on. `None` if it is shorter, or if the receiver did not keep all
+    /// of it.
+    #[inline(always)]
+    pub fn payload_from(&self, at: u8) -> Option<&[u8]> {
+        self.bytes.get(usize::from(at)..usize::from(self.len))
+    }
+
     /// Length of the payload in bytes, at most 255. Counts also the bytes that were not kept. For a
     /// list: as [`payload`](Self::payload).
     #[inline(always)]
     #[allow(clippy::len_without_is_empty, reason = "not needed")]
     pub fn len(&self) -> u8 {
         self.len
+    }
+
+    /// True if the payload ended before all bytes came that [`Received::left_out`] counts.
+    #[inline(always)]
+    pub fn is_too_short(&self) -> bool {
+        K::TAKES_ENTRIES && self.entries != 0
     }
 
     /// The buffer that begins with [`payload`](Self::payload). The bytes after the payload are
@@ -199,7 +216,8 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         (self.len, self.kept_at) = (len, kept_at);
     }
 
-    /// The same in less time: looks up the slot once for all bytes of an entry.
+    /// The same in less time: looks up the slot once for all bytes of an entry. Leaves out what
+    /// [`Received::left_out`] says.
     #[inline(always)]
     pub(super) fn take_entries(
         &mut self,
@@ -224,6 +242,13 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                     }
                 }
                 run = run.min(entry_len - len);
+            } else if self.entries != 0 {
+                let skipped = run.min(self.entries);
+                self.entries -= skipped;
+                rest = rest.get(usize::from(skipped)..).unwrap_or(&[]);
+                continue;
+            } else if len < HEAD_LEN {
+                run = run.min(HEAD_LEN - len);
             }
             let Some((taken, later)) = rest.split_at_checked(usize::from(run)) else { break };
             rest = later;
@@ -235,6 +260,8 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             if len == entry_len {
                 len = 0;
                 self.entries = self.entries.wrapping_add(1);
+            } else if entry_len == 0 && len == HEAD_LEN {
+                self.entries = self.kind.left_out(&self.bytes);
             }
         }
         (self.len, self.kept_at) = (len, kept_at);

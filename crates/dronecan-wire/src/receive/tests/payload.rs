@@ -89,7 +89,7 @@ fn by_default_a_type_is_no_list() {
         }
     }
 
-    assert_eq!((Plain.entry_len(), Plain.most_entries()), (0, 255));
+    assert_eq!((Plain.entry_len(), Plain.most_entries(), Plain.left_out(&[0; 27])), (0, 255, 0));
 }
 
 #[test]
