@@ -200,14 +200,7 @@ impl Program {
             Turn::Follow => node.follow_next(now_ms, monitor, board.outputs()),
             Turn::Tick => self.tick(board),
             Turn::DoChore => node.do_chore(monitor),
-            Turn::PollController => {
-                if let Some(notice) = board.poll_controller(now_ms) {
-                    node.notice(notice, monitor);
-                }
-                if board.is_controller_empty() {
-                    node.controller_is_empty(now_ms);
-                }
-            }
+            Turn::PollController => self.poll_controller(board),
             Turn::SetFilters => {
                 board.set_filters(now_ms, node.acceptance(B::FLASH), node.attempts());
                 node.filters_are_set();
@@ -245,7 +238,21 @@ impl Program {
         if node.has_run_a_minute() {
             board.forget_restarts();
         }
-        if node.is_to_restart(now_ms) && !node.calls_off_update(monitor) {
+    }
+
+    /// Polls the controller. Restarts when it has sent what comes before.
+    #[inline(always)]
+    fn poll_controller<B: Board>(&mut self, board: &mut B) {
+        let Self { node, monitor, .. } = self;
+        let now_ms = board.now_ms();
+        if let Some(notice) = board.poll_controller(now_ms) {
+            node.notice(notice, monitor);
+        }
+        let is_empty = board.is_controller_empty();
+        if is_empty {
+            node.controller_is_empty(now_ms);
+        }
+        if node.is_to_restart(now_ms, is_empty) && !node.calls_off_update(monitor) {
             let request = node.hand_over(board.eeprom());
             board.restart(request);
         }

@@ -71,7 +71,7 @@ use avr_device::atmega328p as chip;
 
 use chip::CPU;
 use firmware::handover::REQUEST_LEN;
-use firmware::hardware::Input;
+use firmware::hardware::{Input, OUTPUTS};
 use firmware::node::acceptance::NodeAcceptance;
 use firmware::node::condition::ResetCause;
 use firmware::node::parameters::Parameters;
@@ -230,8 +230,13 @@ impl Board for Arduino {
 
     #[inline(always)]
     fn send_frame(&mut self, frame: &Frame) {
-        self.bus.controller(|can| can.begin_transmit(frame));
-        self.bus.controller(|can| can.finish_transmit(frame));
+        // While the interrupts of several outputs take time, a frame must not wait too long.
+        if OUTPUTS == 1 {
+            self.bus.controller(|can| can.transmit(frame));
+        } else {
+            self.bus.controller(|can| can.begin_transmit(frame));
+            self.bus.controller(|can| can.finish_transmit(frame));
+        }
     }
 
     #[inline(always)]

@@ -210,9 +210,9 @@ impl Node {
         self.lights.brightness()
     }
 
-    /// True if it is time to restart the program.
-    pub fn is_to_restart(&self, now_ms: u16) -> bool {
-        self.services.is_to_restart(now_ms)
+    /// True if it is time to restart the program. `is_empty`: the controller has no frame to send.
+    pub fn is_to_restart(&self, now_ms: u16, is_empty: bool) -> bool {
+        self.services.is_to_restart(now_ms, is_empty)
     }
 
     /// Calls an accepted update off if the outputs are in use again. Returns true if it does.

@@ -20,9 +20,12 @@ use crate::parts::update::{HAS_TEXTS, Verdict};
 /// Requests that can wait for their response. A power of two. GUI tools send five at once.
 const WAITING: usize = 8;
 
-/// Time from the last frame of a RestartNode response to the restart, in milliseconds. In this time
-/// the controller sends the frame, and the servo reaches its failsafe position.
+/// Time from the hand-over of a RestartNode response to the restart, in milliseconds. In this time
+/// the servo reaches its failsafe position.
 const RESTART_MS: u16 = 100;
+
+/// The same if the controller has not sent all frames until then, because the bus is full.
+const UNSENT_MS: u16 = 1000;
 
 /// True if other responses go before the one that waits for a save.
 const ANSWERS_WHILE_SAVING: bool = cfg!(feature = "save-answers");
@@ -77,8 +80,8 @@ pub struct Services {
     is_saving: bool,
     /// True once the response to an accepted RestartNode was handed over.
     is_to_restart: bool,
-    /// When to restart, in milliseconds. Valid if `is_to_restart`.
-    restart_ms: u16,
+    /// When that was, in milliseconds. Valid if `is_to_restart`.
+    responded_ms: u16,
 }
 
 impl Services {
@@ -90,7 +93,7 @@ impl Services {
             count: 0,
             is_saving: false,
             is_to_restart: false,
-            restart_ms: 0,
+            responded_ms: 0,
         }
     }
 
@@ -146,7 +149,7 @@ impl Services {
         };
         if restarts && !self.is_to_restart {
             self.is_to_restart = true;
-            self.restart_ms = now_ms.wrapping_add(RESTART_MS);
+            self.responded_ms = now_ms;
         }
     }
 
@@ -156,10 +159,11 @@ impl Services {
         self.is_to_restart = false;
     }
 
-    /// True if it is time to restart the program.
+    /// True if it is time to restart the program. `is_empty`: the controller has no frame to send.
     #[inline(always)]
-    pub fn is_to_restart(&self, now_ms: u16) -> bool {
-        self.is_to_restart && now_ms.wrapping_sub(self.restart_ms) < 1 << 15
+    pub fn is_to_restart(&self, now_ms: u16, is_empty: bool) -> bool {
+        let wait_ms = if is_empty { RESTART_MS } else { UNSENT_MS };
+        self.is_to_restart && now_ms.wrapping_sub(self.responded_ms) >= wait_ms
     }
 }
 

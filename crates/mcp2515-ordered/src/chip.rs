@@ -182,9 +182,31 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         dlc
     }
 
-    /// Writes the priority, identifier and length of a transmit buffer.
+    /// Writes a transmit buffer, and sends RTS for it.
+    #[inline(always)]
+    pub fn send_frame(&mut self, rank: Rank, frame: &Frame) {
+        self.begin_frame(rank, frame);
+        self.end_frame(rank, frame);
+    }
+
+    /// Writes the priority, identifier and length of a transmit buffer, and ends the instruction.
     #[inline(always)]
     pub fn write_identifier(&mut self, rank: Rank, frame: &Frame) {
+        self.begin_frame(rank, frame);
+        self.deselect();
+    }
+
+    /// Writes the data of a transmit buffer with LOAD TX BUFFER, and sends RTS for it.
+    #[inline(always)]
+    pub fn write_data_and_send(&mut self, rank: Rank, frame: &Frame) {
+        self.select();
+        // The instruction is 0x41, 0x43 and 0x45 for the data of TXB0, TXB1 and TXB2.
+        self.exchange(instruction::LOAD_TX_DATA | rank.buffer() & 6);
+        self.end_frame(rank, frame);
+    }
+
+    #[inline(always)]
+    fn begin_frame(&mut self, rank: Rank, frame: &Frame) {
         // TXB0, TXB1 and TXB2 are at 0x30, 0x40 and 0x50. The register before the identifier holds
         // the priority.
         self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
@@ -195,15 +217,10 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.exchange(frame.id[2]);
         self.exchange(frame.id[3]);
         self.exchange(frame.len);
-        self.deselect();
     }
 
-    /// Writes the data of a transmit buffer with LOAD TX BUFFER, and sends RTS for it.
     #[inline(always)]
-    pub fn write_data_and_send(&mut self, rank: Rank, frame: &Frame) {
-        self.select();
-        // The instruction is 0x41, 0x43 and 0x45 for the data of TXB0, TXB1 and TXB2.
-        self.exchange(instruction::LOAD_TX_DATA | rank.buffer() & 6);
+    fn end_frame(&mut self, rank: Rank, frame: &Frame) {
         // Always eight bytes: the chip sends only the first `len` bytes.
         _ = self.spi.write(&frame.data);
         self.deselect();

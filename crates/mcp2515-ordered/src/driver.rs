@@ -349,9 +349,11 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     /// Passes a frame to the chip. Does nothing unless [`find_room`](Self::find_room) has found
     /// room.
+    #[inline(never)]
     pub fn transmit(&mut self, frame: &Frame) {
-        self.begin_transmit(frame);
-        self.finish_transmit(frame);
+        if let Some(rank) = self.take_room() {
+            self.chip.send_frame(rank, frame);
+        }
     }
 
     /// Passes the identifier and length of a frame to the chip, as the first half of
@@ -366,10 +368,18 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     /// Passes the data of the same frame to the chip, and sends it.
     #[inline(never)]
     pub fn finish_transmit(&mut self, frame: &Frame) {
-        let Some(rank) = self.room.take() else { return };
+        if let Some(rank) = self.take_room() {
+            self.chip.write_data_and_send(rank, frame);
+        }
+    }
+
+    /// Takes the room for a frame that will wait in the chip.
+    #[inline(always)]
+    fn take_room(&mut self) -> Option<Rank> {
+        let rank = self.room.take()?;
         self.tx_waiting |= rank.status();
         self.counters.count_long(Counter::TxRequests);
-        self.chip.write_data_and_send(rank, frame);
+        Some(rank)
     }
 
     /// Does the next of the four parts of a supervision, each of which takes less time than to pass

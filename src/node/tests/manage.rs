@@ -489,17 +489,35 @@ fn the_golden_request_restarts_it_a_moment_after_the_reply() {
         rig.command(PWM, 1900.0);
         rig.replies();
         rig.text(RESTART);
-        assert!(!rig.program.node.is_to_restart(rig.now_ms()), "the reply comes first");
+        assert!(!rig.is_to_restart, "the reply comes first");
         rig.run(1);
         assert_eq!(golden::text(&rig.replies()), "1E057FF8 80 C6");
         assert_eq!(rig.program.node.pulse(0), us(1500.0), "failsafe");
         let mut waited_ms = 1;
-        while !rig.program.node.is_to_restart(rig.now_ms()) {
+        while !rig.is_to_restart {
             rig.run(1);
             waited_ms += 1;
             assert!(waited_ms < 300);
         }
         assert!((50..=150).contains(&waited_ms), "{waited_ms} ms");
+    }
+}
+
+#[test]
+fn on_a_full_bus_it_restarts_when_the_reply_is_sent_and_after_a_second_in_any_case() {
+    for (sent_after_ms, expected_ms) in [(300, 300..=302), (5000, 1000..=1010)] {
+        let mut rig = Rig::new();
+        rig.run(1100);
+        rig.can.is_held = true;
+        rig.text(RESTART);
+        let mut waited_ms = 0;
+        while !rig.is_to_restart {
+            rig.can.is_held = waited_ms < sent_after_ms;
+            rig.run(1);
+            waited_ms += 1;
+            assert!(waited_ms < 3000);
+        }
+        assert!(expected_ms.contains(&waited_ms), "{waited_ms} ms");
     }
 }
 
@@ -524,7 +542,7 @@ fn it_restarts_only_for_the_magic_number() {
         rig.run(10);
         assert_eq!(rig.ask(text), "1E057FF8 00 C6", "{text}");
         for _ in 0..70_000 {
-            assert!(!rig.program.node.is_to_restart(rig.now_ms()), "{text}");
+            assert!(!rig.is_to_restart, "{text}");
             rig.run(1);
         }
         assert_eq!(rig.program.node.pulse(0), us(1900.0));
@@ -538,7 +556,7 @@ fn a_wrong_request_does_not_call_a_restart_off() {
     rig.run(10);
     rig.text("1E05F8FE 01 00 00 00 00 C6");
     rig.run(200);
-    assert!(rig.program.node.is_to_restart(rig.now_ms()));
+    assert!(rig.is_to_restart);
 }
 
 #[test]
@@ -548,7 +566,7 @@ fn it_restarts_though_others_go_on_asking() {
     for _ in 0..40 {
         rig.run(20);
         rig.text("1E01F8FE C3");
-        if rig.program.node.is_to_restart(rig.now_ms()) {
+        if rig.is_to_restart {
             return;
         }
     }
