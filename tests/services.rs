@@ -346,6 +346,22 @@ fn a_restart_is_answered_and_happens_within_200_ms() {
     assert_eq!(code, 0, "a requested restart is no fault");
 }
 
+#[test]
+fn a_restart_on_a_full_bus_comes_after_its_answer() {
+    let mut rig = Rig::running();
+    rig.run_ms(1500);
+    rig.send(0x1E05_F8FF, &[0x1E, 0x1B, 0x55, 0xCE, 0xAC, 0xC6]);
+    // Frames of 130 us or more, for half a second.
+    let asked = rig.now();
+    for n in 0..4000 {
+        rig.send(0x0003_F20A, &[9, 4, 0, 0x66, n as u8, 0, 0, 0xC0 | n as u8 & 0x1F]);
+    }
+    rig.wait_for("the answer", 1000, |rig| !rig.frames(0x1E05_7FF8).is_empty());
+    assert_eq!(rig.frames(0x1E05_7FF8)[0].1, [0x80, 0xC6]);
+    assert!(ms_between(asked, rig.now()) > 450.0, "the bus was not full");
+    rig.wait_for_line("reset: RestartNode", 300);
+}
+
 /// Before the restart the servo moves to OUT1_FS, and every pulse is complete.
 #[test]
 fn before_a_restart_the_servo_moves_to_its_failsafe() {
