@@ -40,6 +40,29 @@ fn a_press_of_the_button_publishes_the_count_once_despite_bounces() {
     assert_eq!(frames[2].1, [0x00, 0x00, 0x40, 0x40, 0x62, 0x74, 0x6E, 0xC2]);
 }
 
+/// ArduPilot toggles its safety switch at the message with a press of ten tenths
+/// (AP_BoardConfig::safety_button_handle_pressed).
+#[test]
+fn a_press_of_a_second_toggles_the_safety_switch_of_ardupilot_once() {
+    for (ms, toggles) in [(900, 0), (1200, 1), (3000, 1)] {
+        let mut rig = Rig::running();
+        bounce(&mut rig, true, 9);
+        rig.run_ms(ms);
+        bounce(&mut rig, false, 9);
+        rig.run_ms(300);
+        let times: Vec<u8> = rig
+            .node_messages(|message| match message {
+                Message::Button(1, tenths) => Some(tenths),
+                _ => None,
+            })
+            .into_iter()
+            .map(|(_, tenths)| tenths)
+            .collect();
+        assert!(times.iter().copied().eq(1..=times.len() as u8), "{times:?}");
+        assert_eq!(times.iter().filter(|&&tenths| tenths == 10).count(), toggles, "{times:?}");
+    }
+}
+
 #[test]
 fn a_spike_on_the_button_s_wire_is_no_press() {
     let mut rig = Rig::running();

@@ -240,6 +240,9 @@ pub enum Message {
     ArmingStatus(u8),
     /// ArduPilot's safety switch. At 255 ("off") outputs are enabled, at 0 ("on") disabled.
     SafetyState(u8),
+    /// The number of a button (1 is the safety switch), and for how many tenths of a second it has
+    /// been pressed.
+    Button(u8, u8),
     CanStats(CanStats),
     KeyValue(KeyValue),
     /// Servo command of the thesis, 0 to 255 over the full travel.
@@ -309,6 +312,10 @@ impl Message {
             }
             types::ARMING_STATUS => byte().map(Message::ArmingStatus),
             types::SAFETY_STATE => byte().map(Message::SafetyState),
+            types::BUTTON => match *payload {
+                [button, tenths] => Some(Message::Button(button, tenths)),
+                _ => None,
+            },
             types::CAN_STATS => CanStats::decode(payload).map(Message::CanStats),
             types::KEY_VALUE => KeyValue::decode(payload).map(Message::KeyValue),
             types::THESIS_COMMAND => byte().map(Message::ThesisCommand),
@@ -369,6 +376,7 @@ impl Message {
             }
             Message::ArmingStatus(byte) => (&types::ARMING_STATUS, vec![*byte]),
             Message::SafetyState(byte) => (&types::SAFETY_STATE, vec![*byte]),
+            Message::Button(button, tenths) => (&types::BUTTON, vec![*button, *tenths]),
             Message::CanStats(stats) => (&types::CAN_STATS, stats.encode()),
             Message::KeyValue(pair) => (&types::KEY_VALUE, pair.encode()),
             Message::ThesisCommand(byte) => (&types::THESIS_COMMAND, vec![*byte]),
@@ -460,6 +468,9 @@ impl fmt::Display for Message {
             Message::SafetyState(0) => write!(f, " on"),
             Message::SafetyState(255) => write!(f, " off"),
             Message::ArmingStatus(other) | Message::SafetyState(other) => write!(f, " {other}"),
+            Message::Button(button, tenths) => {
+                write!(f, " {button} pressed for {}.{} s", tenths / 10, tenths % 10)
+            }
             Message::CanStats(stats) => write!(f, " {stats}"),
             Message::KeyValue(pair) => write!(f, " {pair}"),
             Message::ThesisCommand(byte) => write!(f, " {byte}"),

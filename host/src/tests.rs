@@ -416,6 +416,7 @@ fn lights_and_switches_equal_pydronecan() {
          63 blue 30",
     );
     both_ways("184E200A FF C2", Message::SafetyState(255), "SafetyState off");
+    both_ways("184E2178 01 0A C9", Message::Button(1, 10), "indication.Button 1 pressed for 1.0 s");
 }
 
 #[test]

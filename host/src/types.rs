@@ -99,6 +99,8 @@ pub const KEY_VALUE: DataType =
     message(16370, "debug.KeyValue", 0xE02F_25D6_E0C9_8AE0, list(32, 8, 58));
 /// ArduPilot's safety switch.
 pub const SAFETY_STATE: DataType = message(20000, "SafetyState", 0xE965_701A_95A1_A6A1, fixed(8));
+/// A button of ArduPilot's nodes.
+pub const BUTTON: DataType = message(20001, "indication.Button", 0x0645_A46E_FBA7_466E, fixed(16));
 /// Heading and state of ArduPilot's vehicle. Its auxiliary data is not at the end.
 pub const NOTIFY_STATE: DataType = message(20007, "NotifyState", 0x631F_2A9C_1651_FDEC, fixed(80));
 /// Of Hobbywing (com.hobbywing.esc).
@@ -139,6 +141,7 @@ pub const KNOWN: &[DataType] = &[
     CAN_STATS,
     KEY_VALUE,
     SAFETY_STATE,
+    BUTTON,
     GET_NODE_INFO,
     GET_TRANSPORT_STATS,
     RESTART_NODE,

@@ -189,6 +189,15 @@ impl Node {
     }
 
     #[inline(always)]
+    pub(super) fn put_button(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        /// BUTTON_SAFETY.
+        const SAFETY: u8 = 1;
+        self.outgoing.put8(SAFETY);
+        self.outgoing.put8(self.button.press_time_ds());
+        true
+    }
+
+    #[inline(always)]
     pub(super) fn put_failsafe_outputs(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
         self.put_float32(self.outputs.failing().into());
         self.outgoing.put16(u16::from_le_bytes(*b"fs"));

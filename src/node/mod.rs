@@ -265,6 +265,9 @@ impl Node {
             monitor.log_line(Line::Button).set_a(self.button.count());
             self.publisher.publish(dialect::PRESSES);
         }
+        if self.button.is_held(passed_ms) {
+            self.publisher.publish(Publication::Button);
+        }
     }
 
     /// True if a chore is pending.

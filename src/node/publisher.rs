@@ -175,6 +175,8 @@ publications! {
     if all(feature = "button", not(feature = "draft")) {
         /// uavcan.protocol.debug.KeyValue, with the presses of the button.
         KeyValue = dronecan_wire::types::KEY_VALUE, short, 7, Event => put_key_value;
+        /// ardupilot.indication.Button, ten times a second while the button is pressed.
+        Button = dronecan_wire::types::INDICATION_BUTTON, short, 2, Event => put_button;
     }
     if feature = "tunnel" {
         /// uavcan.tunnel.Targetted, with characters of the serial monitor.

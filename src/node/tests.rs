@@ -1025,6 +1025,24 @@ fn each_press_of_the_button_sends_its_count() {
     );
 }
 
+#[cfg(all(feature = "button", not(feature = "draft")))]
+#[test]
+fn a_pressed_button_is_sent_ten_times_a_second_with_its_time() {
+    let mut rig = Rig::new();
+    rig.is_pressed = true;
+    rig.run(350);
+    rig.is_pressed = false;
+    rig.run(500);
+    let sent: Vec<_> = rig
+        .can
+        .sent
+        .iter()
+        .map(|(_, frame)| *frame)
+        .filter(|frame| golden::id(frame) == 0x184E_2178)
+        .collect();
+    assert_eq!(golden::text(&sent), "184E2178 01 01 C0 | 01 02 C1 | 01 03 C2");
+}
+
 #[test]
 fn a_bus_that_takes_nothing_gets_each_message_once_when_it_does_again() {
     let mut rig = Rig::new();

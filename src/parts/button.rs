@@ -11,12 +11,16 @@ pub struct Button {
     /// Milliseconds that the pin has differed from `is_pressed`.
     other_ms: u8,
     count: u16,
+    /// Milliseconds since the last tenth of a second of this press.
+    held_ms: u8,
+    /// Tenths of a second of this press, at most 255.
+    press_time_ds: u8,
 }
 
 impl Button {
     /// A button that is released and was never pressed.
     pub const fn new() -> Self {
-        Self { is_pressed: false, other_ms: 0, count: 0 }
+        Self { is_pressed: false, other_ms: 0, count: 0, held_ms: 0, press_time_ds: 0 }
     }
 
     /// Takes the state of the pin during the last `passed_ms` milliseconds. Returns true if a press
@@ -32,10 +36,33 @@ impl Button {
         }
         self.other_ms = 0;
         self.is_pressed = is_pressed;
+        self.held_ms = 0;
+        self.press_time_ds = 0;
         if is_pressed {
             self.count = self.count.wrapping_add(1);
         }
         is_pressed
+    }
+
+    /// Counts the time of a press, after [`tick`](Self::tick). Returns true at each tenth of a
+    /// second.
+    #[inline(always)]
+    pub fn is_held(&mut self, passed_ms: u8) -> bool {
+        if !self.is_pressed {
+            return false;
+        }
+        self.held_ms = self.held_ms.wrapping_add(passed_ms);
+        if self.held_ms < 100 {
+            return false;
+        }
+        self.held_ms -= 100;
+        self.press_time_ds = self.press_time_ds.saturating_add(1);
+        true
+    }
+
+    /// Tenths of a second that the button has been pressed, at most 255.
+    pub fn press_time_ds(&self) -> u8 {
+        self.press_time_ds
     }
 
     /// Presses since the start, modulo 65,536.
@@ -53,6 +80,27 @@ impl Default for Button {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::vec::Vec;
+
+    #[test]
+    fn a_press_is_timed_in_tenths_of_a_second() {
+        let mut button = Button::new();
+        let mut times = Vec::new();
+        for (level, ms) in [(true, 1150), (false, 500), (true, 240), (false, 50)] {
+            for _ in 0..ms / 2 {
+                button.tick(level, 2);
+                if button.is_held(2) {
+                    times.push(button.press_time_ds());
+                }
+            }
+        }
+        assert_eq!(times, [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 1, 2]);
+        for _ in 0..30_000 {
+            button.tick(true, 1);
+            button.is_held(1);
+        }
+        assert_eq!(button.press_time_ds(), 255);
+    }
 
     #[test]
     fn a_press_that_bounces_counts_once() {

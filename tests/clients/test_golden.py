@@ -160,6 +160,13 @@ CASES = {
         1,
         "183FF278 00 00 40 40 62 74 6E C1",
     ),
+    "Button": (
+        lambda: dronecan.ardupilot.indication.Button(button=1, press_time=10),
+        120,
+        24,
+        9,
+        "184E2178 01 0A C9",
+    ),
     "CircuitStatus": (
         lambda: uavcan.equipment.power.CircuitStatus(
             circuit_id=0x1234, voltage=12.6, current=-3.2, error_flags=6
@@ -381,6 +388,7 @@ def test_pydronecan_produces_the_quoted_messages(name):
         ("host/src/tests.rs", "CanStats", "whole"),
         ("host/src/tests.rs", "KeyValue", "whole"),
         ("host/src/tests.rs", "SafetyState", "whole"),
+        ("host/src/tests.rs", "Button", "whole"),
         ("host/src/tests.rs", "CircuitStatus", "whole"),
         ("host/src/tests.rs", "RawCommand of none", "whole"),
         ("host/src/tests.rs", "RawCommand of four", "whole"),

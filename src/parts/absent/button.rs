@@ -15,6 +15,16 @@ impl Button {
         false
     }
 
+    /// False.
+    pub fn is_held(&mut self, _passed_ms: u8) -> bool {
+        false
+    }
+
+    /// 0.
+    pub fn press_time_ds(&self) -> u8 {
+        0
+    }
+
     /// 0.
     pub fn count(&self) -> u16 {
         0
