@@ -24,7 +24,7 @@ pub enum Form {
     Parameter,
     /// One kept byte, then a text (BeginFirmwareUpdate).
     Text,
-    /// Kept numbers of two bytes, each followed by four zeros (GetTransportStats).
+    /// Kept numbers of four bytes, each followed by two zeros (GetTransportStats).
     Numbers48,
 }
 
@@ -141,6 +141,13 @@ impl Outgoing {
         self.put8(high);
     }
 
+    /// Keeps four more bytes, little-endian.
+    #[inline(never)]
+    pub fn put32(&mut self, number: u32) {
+        self.put16(number as u16);
+        self.put16((number >> 16) as u16);
+    }
+
     /// The CRC of the kept bytes, without a signature.
     pub fn sum(&self) -> u16 {
         (0..self.payload.len).fold(0xFFFF, |sum, at| crc::add(sum, self.payload.kept(at)))
@@ -203,7 +210,7 @@ impl Payload {
             Form::Text => flash.information(self.text_at - 1 + at),
             Form::Numbers48 if stats::LEN != 0 => {
                 let (number, at) = (at / 6, at % 6);
-                if at < 2 { self.kept(number * 2 + at) } else { 0 }
+                if at < 4 { self.kept(number * 4 + at) } else { 0 }
             }
             Form::Numbers48 => 0,
         }

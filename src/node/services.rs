@@ -228,7 +228,7 @@ impl Node {
         _: &Pending,
         context: &mut Response<C, P>,
     ) -> bool {
-        self.stats.put_transport(context.counters, |word| self.outgoing.put16(word));
+        self.stats.put_transport(context.counters, |number| self.outgoing.put32(number));
         self.outgoing.payload.form = Form::Numbers48;
         self.outgoing.payload.len = stats::LEN;
         true

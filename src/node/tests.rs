@@ -985,7 +985,7 @@ fn the_actuator_status_has_the_position_that_was_commanded_and_nothing_that_is_n
 #[test]
 fn the_golden_can_stats_are_sent() {
     let mut rig = Rig::with(&[(Parameter::StatsRate, 1)]);
-    rig.can.counters.0 = [1, 2, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10];
+    rig.can.counters.0 = [1, 2, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10, 11];
     rig.run(1500);
     let stats =
         rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == CAN_STATS);

@@ -20,7 +20,7 @@ pub enum Counter {
     RxOverflow = 9,
     /// The sum of the increases of the chip's receive error counter (REC) at the supervisions. An
     /// error adds 1 or 8 to REC, and a good frame subtracts 1, so the sum shows errors between
-    /// good frames only in part.
+    /// good frames only in part. 32 bits, whose high word is behind all others.
     RxErrors = 10,
     /// Supervisions that found the chip bus-off when the supervision before had not. The chip can
     /// recover in 128 x 11 bit times (1.4 ms at 1 Mbit/s), so a supervision can miss a bus-off.
@@ -28,27 +28,37 @@ pub enum Counter {
 }
 
 impl Counter {
-    const fn is_long(self) -> bool {
-        matches!(self, Self::TxRequests | Self::RxReceived)
+    /// The indices of the low and the high word of the count. A count of 16 bits has no high word:
+    /// there the index is [`NO_WORD`].
+    pub const fn words(self) -> [u8; 2] {
+        let high = match self {
+            Self::TxRequests | Self::RxReceived => self as u8 + 1,
+            Self::RxErrors => WORDS,
+            _ => NO_WORD,
+        };
+        [self as u8, high]
     }
 }
 
-/// Number of words in [`Counters`].
+/// Number of words in [`Counters`] that are the counters of CanStats, in its order.
 pub const WORDS: u8 = 12;
 
+/// An index without a word: it reads as 0.
+pub const NO_WORD: u8 = u8::MAX;
+
 /// The counts since the driver was made, in words of 16 bits at the indices of [`Counter`]. A count
-/// of 32 bits has its low word first. The counts wrap around. A restart of the chip does not change
+/// of 32 bits has its words at [`Counter::words`]. The counts wrap around. A restart of the chip does not change
 /// them. Words 2, 3 and 6 are zero: an application can use them for its own counts, such as
 /// frames that it does not pass to the driver.
 #[cfg(feature = "counters")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters(pub [u16; WORDS as usize]);
+pub struct Counters(pub [u16; WORDS as usize + 1]);
 
 #[cfg(feature = "counters")]
 impl Counters {
     /// Counters that are all zero.
     pub const fn new() -> Self {
-        Self([0; WORDS as usize])
+        Self([0; WORDS as usize + 1])
     }
 
     /// Returns the word `n`, or 0 if there is none.
@@ -57,11 +67,16 @@ impl Counters {
         self.0.get(usize::from(n)).copied().unwrap_or(0)
     }
 
-    /// Adds `more` to a count of 16 bits.
+    /// Adds `more` to a count.
     #[inline(never)]
     pub(crate) fn add(&mut self, counter: Counter, more: u8) {
-        let word = &mut self.0[counter as usize];
-        *word = word.wrapping_add(u16::from(more));
+        let [low, high] = counter.words();
+        let word = &mut self.0[usize::from(low)];
+        let (sum, is_carry) = word.overflowing_add(u16::from(more));
+        *word = sum;
+        if is_carry && let Some(word) = self.0.get_mut(usize::from(high)) {
+            *word = word.wrapping_add(1);
+        }
     }
 
     /// Adds 1 to a count of 32 bits.
@@ -104,8 +119,26 @@ impl Counters {
 impl Counters {
     /// Returns the value of a counter.
     pub fn get(&self, counter: Counter) -> u32 {
-        let at = counter as u8;
-        let high = if counter.is_long() { self.word(at + 1) } else { 0 };
-        u32::from(high) << 16 | u32::from(self.word(at))
+        let [low, high] = counter.words().map(|n| self.word(n));
+        u32::from(high) << 16 | u32::from(low)
+    }
+}
+
+#[cfg(all(test, feature = "counters"))]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn long_counts_carry_and_short_ones_wrap() {
+        let mut counters = Counters::new();
+        for _ in 0..300 {
+            counters.add(Counter::RxErrors, 255);
+            counters.add(Counter::RxOverflow, 255);
+        }
+        (0..65_536).for_each(|_| counters.count_long(Counter::RxReceived));
+        assert_eq!(counters.get(Counter::RxErrors), 300 * 255);
+        assert_eq!(counters.get(Counter::RxOverflow), 300 * 255 % 65_536);
+        assert_eq!(counters.get(Counter::RxReceived), 65_536);
+        assert_eq!(counters.get(Counter::BusOffs), 0);
     }
 }

@@ -123,7 +123,7 @@ mod tx_order;
 
 pub use bit_timing::BitTiming;
 pub use configuration::{Attempts, Configuration};
-pub use counters::{Counter, Counters, WORDS};
+pub use counters::{Counter, Counters, NO_WORD, WORDS};
 pub use driver::{
     ErrorFlags, Event, Mcp2515, Notice, RETRY_MS, SUPERVISION_MS, State, TX_TIMEOUT_MS,
 };

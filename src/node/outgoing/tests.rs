@@ -152,16 +152,16 @@ fn nothing_of_an_earlier_transfer_shows_in_a_later_one() {
 #[test]
 fn transport_stats_have_48_bits_for_each_number() {
     let mut outgoing = new(Form::Numbers48);
-    for number in [1, 2, 3, 0x1234, 0x5678, 0x9ABC] {
-        outgoing.put16(number);
+    for number in [1, 2, 3, 0x1_1234, 0x2_5678, 0x3_9ABC] {
+        outgoing.put32(number);
     }
     outgoing.payload.len = 36;
     begin(&mut outgoing, 0x1E04_7FF8, 5, golden::GET_TRANSPORT_STATS);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),
-        "1E047FF8 8C B1 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | \
-         12 00 00 00 00 78 56 25 | 00 00 00 \
-         00 BC 9A 00 05 | 00 00 00 65"
+        "1E047FF8 FE 5C 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | \
+         12 01 00 00 00 78 56 25 | 02 00 00 \
+         00 BC 9A 03 05 | 00 00 00 65"
     );
 }
 

@@ -463,7 +463,7 @@ fn the_golden_refusal_of_an_update_is_sent() {
 #[test]
 fn transport_stats_count_transfers_and_frames() {
     let mut rig = Rig::with(&rates(0, 0, 0));
-    rig.can.counters.0 = [0x1234, 9, 9, 9, 9, 9, 9, 0x5678, 9, 9, 0x9ABC, 9];
+    rig.can.counters.0 = [0x1234, 1, 9, 9, 9, 9, 9, 0x5678, 2, 9, 0x9ABC, 9, 3];
     rig.run(1);
     rig.command(UNITLESS, 0.0);
     for _ in 0..3 {
@@ -472,9 +472,9 @@ fn transport_stats_count_transfers_and_frames() {
     // One transfer sent, two received including this request, three broken.
     assert_eq!(
         rig.ask("1E04F8FF C5"),
-        "1E047FF8 8C B1 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | \
-         12 00 00 00 00 78 56 25 | 00 00 00 \
-         00 BC 9A 00 05 | 00 00 00 65"
+        "1E047FF8 FE 5C 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | \
+         12 01 00 00 00 78 56 25 | 02 00 00 \
+         00 BC 9A 03 05 | 00 00 00 65"
     );
 }
 
