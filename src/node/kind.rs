@@ -5,9 +5,10 @@
 use dronecan_wire::Received;
 use dronecan_wire::types::{self, Message};
 
+use super::get_set;
 use super::health::CanCounters;
 use super::receive::Context;
-use super::services::{self, Pending, Response};
+use super::services::{Pending, Response};
 use super::wire::Transfer;
 use super::{Constants, Node};
 use crate::hardware::OUTPUTS;
@@ -397,7 +398,7 @@ impl Received for Kind {
     fn left_out(self, head: &[u8]) -> u8 {
         match head {
             &[_, index_and_tag, len, ..]
-                if self == Self::GetSet && index_and_tag & 7 == services::TEXT =>
+                if self == Self::GetSet && index_and_tag & 7 == get_set::TEXT =>
             {
                 len
             }

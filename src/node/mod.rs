@@ -24,6 +24,7 @@ pub mod bit_rate;
 mod chores;
 pub mod condition;
 mod controller;
+mod get_set;
 pub mod health;
 pub mod information;
 pub mod kind;

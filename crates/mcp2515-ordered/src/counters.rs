@@ -47,9 +47,9 @@ pub const WORDS: u8 = 12;
 pub const NO_WORD: u8 = u8::MAX;
 
 /// The counts since the driver was made, in words of 16 bits at the indices of [`Counter`]. A count
-/// of 32 bits has its words at [`Counter::words`]. The counts wrap around. A restart of the chip does not change
-/// them. Words 2, 3 and 6 are zero: an application can use them for its own counts, such as
-/// frames that it does not pass to the driver.
+/// of 32 bits has its words at [`Counter::words`]. The counts wrap around. A restart of the chip
+/// does not change them. Words 2, 3 and 6 are zero: an application can use them for its own counts,
+/// such as frames that it does not pass to the driver.
 #[cfg(feature = "counters")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Counters(pub [u16; WORDS as usize + 1]);

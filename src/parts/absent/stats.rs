@@ -25,7 +25,7 @@ impl Stats {
     pub fn count_broken(&mut self) {}
 
     /// Does nothing.
-    pub fn put_transport(&self, _counters: &impl CanCounters, _put: impl FnMut(u16)) {}
+    pub fn put_transport(&self, _counters: &impl CanCounters, _put: impl FnMut(u32)) {}
 
     /// Does nothing.
     pub fn put_can(&self, _counters: &impl CanCounters, _put: impl FnMut(u16)) {}

@@ -196,7 +196,7 @@ fn what_is_left_out_takes_no_place() {
             for end in [whole.len(), whole.len() - name.len(), 2 + usize::from(len)] {
                 let payload = &whole[..end];
                 let mut receiver = Two::<Each>::new();
-                let mut last = None;
+                let mut last: Option<(Option<Vec<u8>>, bool)> = None;
                 for frame in golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, payload) {
                     let id = Id::from_bytes(frame.id.to_be_bytes());
                     let segment = Segment::read(id, &frame.data, ME).unwrap();
