@@ -35,6 +35,9 @@ fn who_completes(rig: &mut Rig, owner: u32, newcomer: u32, after_ms: u16) -> u32
     }
 }
 
+/// A name, and what makes a node lose its trust.
+type Loss = (&'static str, fn(&mut Rig));
+
 #[test]
 fn the_first_of_two_senders_keeps_its_lane_for_at_least_three_and_at_most_four_milliseconds() {
     for trusted in [&[][..], &[A], &[A, B]] {
@@ -88,7 +91,7 @@ fn no_sender_is_trusted_because_another_is() {
 
 #[test]
 fn a_sender_that_loses_a_transfer_is_trusted_no_longer_until_it_completes_one() {
-    let losses: [(&str, fn(&mut Rig)); 4] = [
+    let losses: [Loss; 4] = [
         ("expired", |rig| {
             rig.frame(&list(A)[0]);
             rig.now_ms += 51;
