@@ -1,0 +1,456 @@
+//! What the web page shows and does: the world as JSON, and the page's controls.
+//!
+//! The page asks for a snapshot and for the new events with each picture. Frames keep a number, by
+//! which the page asks for the details of one.
+
+use std::collections::VecDeque;
+
+use anyhow::{Context, Result};
+use bench::autopilot::{Moves, Profile, Settings};
+use bench::avr::{Firmware, Processor, State};
+use bench::can::{BusStats, Id, Record, RecordKind};
+use bench::dronecan::{
+    CanId, DataType, Decoded, Dialect, LightCommand, Message, NodeStatus, Observation, Observer,
+    Value, draft,
+};
+use bench::fault::{ALL, Fault};
+use bench::mcp2515::Fate;
+use bench::{Cycles, F_CPU_HZ, elapsed, vendor_code};
+use serde_json::{Value as Json, json};
+
+use crate::bits::Bits;
+use crate::spi::Transaction;
+use crate::world::{Happened, World};
+
+/// Frames, and transactions on the SPI, whose details the page can ask for.
+const KEPT: usize = 4096;
+/// A PWM output without a pulse for this long is off.
+const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
+/// Default of the parameter LIGHT_ID.
+const LIGHT_ID: u8 = 0;
+/// Bus load is measured over this time.
+const LOAD_WINDOW: Cycles = F_CPU_HZ / 4;
+
+/// A frame or an error frame that the page has been told of.
+struct Shown {
+    number: u64,
+    record: Record,
+    from: String,
+    text: String,
+    /// Time at which the node's driver had fetched it.
+    fetched_at: Option<Cycles>,
+}
+
+/// The world of the page.
+pub struct Page<P> {
+    world: World<P>,
+    observer: Observer,
+    frames: VecDeque<Shown>,
+    transactions: VecDeque<Transaction>,
+    next_number: u64,
+    events: Vec<Json>,
+    /// Start and width of the last pulse of each output.
+    pulses: Vec<Option<(Cycles, Cycles)>>,
+    status: Option<(Cycles, NodeStatus)>,
+    temperature_c: Option<f64>,
+    /// Bus load, 0 to 1, and the totals at the start of the present window.
+    load: f64,
+    window: (Cycles, BusStats),
+    lost: u64,
+    /// Longest time that a received frame waited for the driver.
+    worst_latency: Cycles,
+    knows_vendor_code: bool,
+}
+
+/// The settings of an autopilot whose actuators all move, with a name: `plain`, `ardupilot`,
+/// `ardupilot-pwm`, `px4` or `thesis`, which speaks the draft of 2014.
+fn settings(name: &str) -> Result<Settings> {
+    let settings = match name {
+        "plain" => Settings::of(Profile::Plain),
+        "ardupilot" => Settings::of(Profile::Ardupilot),
+        "ardupilot-pwm" => Settings::of(Profile::ArdupilotPwm),
+        "px4" => Settings::of(Profile::Px4),
+        "thesis" => Settings::of(Profile::Thesis).in_dialect(Dialect::Draft),
+        _ => anyhow::bail!("there is no autopilot \"{name}\""),
+    };
+    Ok(Settings { moves: Moves::All, ..settings })
+}
+
+impl<P: Processor> Page<P> {
+    /// A board with a program, and an autopilot with a name of [`settings`].
+    ///
+    /// # Errors
+    /// If the wiring in the program is impossible, or there is no such autopilot.
+    pub fn new(processor: P, firmware: &Firmware, autopilot: &str) -> Result<Page<P>> {
+        let mut world = World::new(processor, firmware, settings(autopilot)?)?;
+        let stats = world.bench.bus().stats();
+        let outputs = world.board().wiring().outputs.len() + 1;
+        Ok(Page {
+            world,
+            observer: Observer::new(),
+            frames: VecDeque::new(),
+            transactions: VecDeque::new(),
+            next_number: 0,
+            events: Vec::new(),
+            pulses: vec![None; outputs],
+            status: None,
+            temperature_c: None,
+            load: 0.0,
+            window: (0, stats),
+            lost: 0,
+            worst_latency: 0,
+            knows_vendor_code: firmware.board.is_some(),
+        })
+    }
+
+    /// The world, for its controls.
+    pub fn world(&mut self) -> &mut World<P> {
+        &mut self.world
+    }
+
+    /// Simulates until `until`.
+    pub fn advance(&mut self, until: Cycles) {
+        self.world.advance(until);
+        let happened = self.world.take();
+        self.show(happened);
+        let now = self.world.now();
+        if now - self.window.0 >= LOAD_WINDOW {
+            let stats = self.world.bench.bus().stats();
+            self.load = stats.load_since(&self.window.1);
+            self.window = (now, stats);
+        }
+    }
+
+    /// Replaces the autopilot.
+    ///
+    /// # Errors
+    /// If there is no autopilot of this name.
+    pub fn set_autopilot(&mut self, name: &str) -> Result<()> {
+        self.world.replace_autopilot(settings(name)?);
+        Ok(())
+    }
+
+    /// Begins a fault, or ends it.
+    ///
+    /// # Errors
+    /// If there is no fault of this name.
+    pub fn inject(&mut self, name: &str) -> Result<()> {
+        let fault = name.parse::<Fault>().map_err(anyhow::Error::msg)?;
+        self.world.inject(fault);
+        Ok(())
+    }
+
+    /// Commands the brightness of the node's light, 0 to 1.
+    pub fn set_light(&mut self, brightness: f64) {
+        let part = |full: u8| (brightness.clamp(0.0, 1.0) * f64::from(full)).round() as u8;
+        let (red, green, blue) = (part(31), part(63), part(31));
+        let command = LightCommand { light: LIGHT_ID, red, green, blue };
+        self.world.client.broadcast(&Message::LightsCommand(vec![command]));
+    }
+
+    // ---- events ----
+
+    fn show(&mut self, happened: Happened) {
+        let node_port = self.world.port();
+        for (record, from) in happened.records {
+            let RecordKind::Frame { from: port, .. } = &record.kind else {
+                self.show_error(record, from);
+                continue;
+            };
+            let is_node = *port == Some(node_port);
+            self.show_frame(record, from.unwrap_or_else(|| String::from("-")), is_node);
+        }
+        for (output, pulse) in happened.pulses {
+            self.pulses[output] = Some((pulse.start, pulse.width_cycles));
+        }
+        for (at, line) in happened.lines {
+            self.events.push(json!({"kind": "line", "at": seconds(at), "text": line}));
+        }
+        for (at, text) in happened.mistakes.into_iter().take(20) {
+            self.events.push(json!({"kind": "mistake", "at": seconds(at), "text": text}));
+        }
+        for (at, text) in self.world.autopilot.take_events() {
+            self.events.push(json!({"kind": "node", "at": seconds(at), "text": text}));
+        }
+        self.transactions.extend(happened.transactions);
+        let excess = self.transactions.len().saturating_sub(KEPT);
+        self.transactions.drain(..excess);
+        for entry in happened.received {
+            match entry.fate {
+                Fate::Lost => self.lost += 1,
+                Fate::Cleared(at) => {
+                    self.worst_latency = self.worst_latency.max(at - entry.received_at);
+                    // The frame was received before its last bits were over.
+                    let received = self.frames.iter_mut().rev().find(|shown| {
+                        (shown.record.start..=shown.record.end).contains(&entry.received_at)
+                    });
+                    if let Some(shown) = received {
+                        shown.fetched_at = Some(at);
+                    }
+                }
+            }
+        }
+    }
+
+    fn show_error(&mut self, record: Record, from: Option<String>) {
+        let RecordKind::ErrorFrame { kind, .. } = record.kind else { return };
+        let kind = kind.map_or(String::new(), |kind| format!(": {kind:?} error"));
+        let text = format!("error frame{}", kind.to_lowercase());
+        self.push(record, from.unwrap_or_else(|| String::from("-")), text, "error", None);
+    }
+
+    fn show_frame(&mut self, record: Record, from: String, is_node: bool) {
+        let RecordKind::Frame { frame, .. } = record.kind else { return };
+        let raw = |why: &str| format!("{frame} (not DroneCAN: {why})");
+        let Id::Extended(id) = frame.id else {
+            return self.push(record, from, raw("11-bit identifier"), "foreign", None);
+        };
+        match self.observer.push(id, frame.data(), elapsed(record.end)) {
+            Observation::Complete(decoded) => {
+                if is_node {
+                    self.take_measurement(record.end, &decoded);
+                }
+                let name = decoded.name();
+                let who = decoded.endpoints();
+                self.push(record, from, format!("{who}: {decoded}"), "transfer", Some(name));
+            }
+            Observation::Partial => {
+                let name = CanId::parse(id)
+                    .and_then(DataType::of)
+                    .map_or_else(|| String::from("?"), |known| known.name.to_owned());
+                self.push(record, from, format!("{name}, a part"), "part", None);
+            }
+            Observation::Invalid(why) => self.push(record, from, raw(why), "foreign", None),
+        }
+    }
+
+    fn push(
+        &mut self,
+        record: Record,
+        from: String,
+        text: String,
+        kind: &str,
+        name: Option<String>,
+    ) {
+        let number = self.next_number;
+        self.next_number += 1;
+        self.events.push(json!({
+            "kind": "frame", "number": number, "frame": kind, "from": from, "text": text,
+            "name": name, "start": seconds(record.start), "end": seconds(record.end),
+        }));
+        self.frames.push_back(Shown { number, record, from, text, fetched_at: None });
+        if self.frames.len() > KEPT {
+            self.frames.pop_front();
+        }
+    }
+
+    fn take_measurement(&mut self, at: Cycles, decoded: &Decoded) {
+        match decoded {
+            Decoded::V0(transfer, Message::NodeStatus(status)) => {
+                self.status = Some((at, *status));
+                if let Some(node) = transfer.id.source() {
+                    self.world.client.set_node(node);
+                }
+            }
+            Decoded::Draft(_, draft::Message::NodeStatus(status)) => {
+                self.status = Some((at, (*status).into()));
+            }
+            Decoded::V0(_, Message::Temperature(temperature)) => {
+                self.temperature_c = Some(temperature.celsius().into());
+            }
+            Decoded::V0(_, Message::ThesisTemperature(degrees)) => {
+                self.temperature_c = Some((*degrees).into());
+            }
+            _ => {}
+        }
+    }
+
+    /// Removes and returns the events since the last call, a JSON array.
+    pub fn take_events(&mut self) -> String {
+        Json::Array(std::mem::take(&mut self.events)).to_string()
+    }
+
+    // ---- state ----
+
+    /// The state of the world, a JSON object.
+    pub fn snapshot(&mut self) -> String {
+        let now = self.world.now();
+        let autopilot = &self.world.autopilot;
+        let deflection = autopilot.deflection(now);
+        let autopilot = json!({
+            "name": autopilot.settings().profile.to_string(),
+            "command_type": autopilot.settings().command_type.to_string(),
+            "deflection": deflection,
+            "sweeps": autopilot.is_sweeping(),
+            "armed": autopilot.is_armed(),
+            "safe": autopilot.is_safe(),
+            "silent": autopilot.is_silent(),
+        });
+        let outputs = self.outputs(now);
+        let stats = self.world.bench.bus().stats();
+        let sensor_c = self.world.temperature_c();
+        let active: Vec<_> = self.world.active_faults().iter().map(|fault| fault.name()).collect();
+        let controller = self.controller();
+        let node = self.node(now);
+        let client = self.client();
+        let board = self.world.board();
+        let crash = match board.avr().state() {
+            State::Crashed(pc) => Some(format!("the program counter left the flash at {pc:#06x}")),
+            _ => None,
+        };
+        json!({
+            "now": seconds(now),
+            "autopilot": autopilot,
+            "outputs": outputs,
+            "light": board.light(),
+            "has_light": board.wiring().light.is_some(),
+            "has_button": board.wiring().button.is_some(),
+            "board": board.wiring().to_string(),
+            "sensor_c": sensor_c,
+            "node_c": self.temperature_c,
+            "node": node,
+            "controller": controller,
+            "client": client,
+            "faults": active,
+            "load": self.load,
+            "frames": stats.frames,
+            "error_frames": stats.error_frames,
+            "bit_rate": self.world.bench.bus().bit_rate(),
+            "crash": crash,
+        })
+        .to_string()
+    }
+
+    /// Pin and pulse width of each output; no width while it gives no pulses.
+    fn outputs(&mut self, now: Cycles) -> Json {
+        let wiring = self.world.board().wiring();
+        let pins = std::iter::once(&wiring.servo).chain(&wiring.outputs);
+        let outputs = pins.zip(&self.pulses).map(|(pin, pulse)| {
+            let pulse = pulse.filter(|(start, _)| now.saturating_sub(*start) <= PULSE_TIMEOUT);
+            let width_us = pulse.map(|(_, width)| micros(width));
+            json!({"pin": pin.to_string(), "width_us": width_us})
+        });
+        outputs.collect()
+    }
+
+    fn controller(&mut self) -> Json {
+        let chip = self.world.board().chip();
+        let chip = chip.borrow();
+        json!({
+            "mode": format!("{:?}", chip.mode()),
+            "error_state": format!("{:?}", chip.error_state()),
+            "tec": chip.tec(),
+            "rec": chip.rec(),
+            "lost": self.lost,
+            "worst_us": micros(self.worst_latency),
+        })
+    }
+
+    fn node(&self, now: Cycles) -> Json {
+        let Some((at, status)) = self.status else { return Json::Null };
+        let conditions = match self.knows_vendor_code {
+            true => vendor_code::conditions(status.vendor_code),
+            false => Vec::new(),
+        };
+        json!({
+            "id": self.world.client.node().get(),
+            "silent_s": seconds(now.saturating_sub(at)),
+            "text": status.to_string(),
+            "health": status.health.to_string(),
+            "mode": status.mode.to_string(),
+            "uptime_s": status.uptime_s,
+            "vendor_code": status.vendor_code,
+            "conditions": conditions,
+        })
+    }
+
+    fn client(&self) -> Json {
+        let client = &self.world.client;
+        let number = |value: &Value| match value {
+            Value::Integer(number) => json!(number),
+            Value::Boolean(value) => json!(i64::from(*value)),
+            Value::Real(number) => json!(number),
+            _ => Json::Null,
+        };
+        let parameters = client.parameters.iter().map(|parameter| {
+            json!({
+                "name": parameter.name(),
+                "value": number(&parameter.value),
+                "min": number(&parameter.min),
+                "max": number(&parameter.max),
+                "default": number(&parameter.default),
+            })
+        });
+        json!({
+            "busy": client.is_busy(),
+            "message": client.message,
+            "info": client.info.as_ref().map(ToString::to_string),
+            "parameters": parameters.collect::<Json>(),
+        })
+    }
+
+    /// The details of a frame, a JSON object.
+    ///
+    /// # Errors
+    /// If the frame is too old.
+    pub fn frame(&self, number: u64) -> Result<String> {
+        let shown = self
+            .frames
+            .iter()
+            .find(|shown| shown.number == number)
+            .context("the frame is too old")?;
+        let bits = match &shown.record.kind {
+            RecordKind::Frame { frame, acked, .. } => {
+                let Bits { fields, bits } = Bits::of(frame, *acked);
+                json!({
+                    "frame": frame.to_string(),
+                    "acked": acked,
+                    "fields": fields,
+                    "bits": bits.iter().map(|bit| {
+                        json!([u8::from(bit.level), u8::from(bit.is_stuff), bit.field])
+                    }).collect::<Json>(),
+                })
+            }
+            RecordKind::ErrorFrame { .. } => Json::Null,
+        };
+        let transaction = shown.fetched_at.and_then(|at| {
+            self.transactions.iter().rev().find(|t| (t.start..=t.end).contains(&at))
+        });
+        let spi = transaction.map(|t| {
+            json!({
+                "name": t.name(),
+                "after_us": micros(t.start) - micros(shown.record.end),
+                "took_us": micros(t.end - t.start),
+                "mosi": t.bytes.iter().map(|byte| byte.0).collect::<Vec<_>>(),
+                "miso": t.bytes.iter().map(|byte| byte.1).collect::<Vec<_>>(),
+            })
+        });
+        Ok(json!({
+            "number": number,
+            "from": shown.from,
+            "text": shown.text,
+            "start": seconds(shown.record.start),
+            "end": seconds(shown.record.end),
+            "count": shown.record.bits,
+            "wire": bits,
+            "spi": spi,
+        })
+        .to_string())
+    }
+}
+
+/// All faults, a JSON array: name, explanation, and whether it lasts until it is ended.
+pub fn faults() -> String {
+    let faults = ALL.iter().map(
+        |fault| json!({"name": fault.name(), "text": fault.explanation(), "lasts": fault.lasts()}),
+    );
+    faults.collect::<Json>().to_string()
+}
+
+fn seconds(cycles: Cycles) -> f64 {
+    cycles as f64 / F_CPU_HZ as f64
+}
+
+fn micros(cycles: Cycles) -> f64 {
+    cycles as f64 * 1e6 / F_CPU_HZ as f64
+}

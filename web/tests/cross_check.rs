@@ -1,0 +1,106 @@
+//! Compares simavr with avr8js: the same program, board, bus and traffic on both, line by line.
+//!
+//! `make cross-check` builds what the test needs and runs it. `CROSS_SECONDS` is the simulated time
+//! of each program, 9 by default, and `CROSS_SEED` the seed of the traffic. avr8js runs in Node.js;
+//! with `CROSS_BROWSER` it runs in Chromium.
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+
+use bench::avr::{Avr, Firmware};
+use bench::{firmware_for, target_dir};
+use web::scenario::{self, Traffic};
+
+/// Lines before the first difference that a failure shows.
+const CONTEXT: usize = 6;
+
+fn number(variable: &str, default: u64) -> u64 {
+    std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+}
+
+/// The trace of avr8js, from Node.js or a browser.
+fn avr8js(elf: &PathBuf, traffic: &str, seconds: u64, seed: u64) -> impl FnOnce() -> String {
+    let build = target_dir().join("web-build");
+    let in_browser = Path::new(env!("CARGO_MANIFEST_DIR")).join("check/browser.mjs");
+    let program = match std::env::var_os("CROSS_BROWSER") {
+        Some(_) => in_browser,
+        None => build.join("run.mjs"),
+    };
+    assert!(program.exists(), "{} is missing: run \"make cross-check\"", program.display());
+    let child = Command::new("node")
+        .arg(program)
+        .arg(build.join("pkg/web_bg.wasm"))
+        .arg(elf)
+        .args([traffic, &seconds.to_string(), &seed.to_string()])
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("Node.js starts");
+    move || {
+        let output = child.wait_with_output().expect("Node.js ends");
+        assert!(output.status.success(), "Node.js failed");
+        String::from_utf8(output.stdout).expect("the trace is text")
+    }
+}
+
+/// Fails at the first line in which the traces differ, and leaves them beside the page's files.
+#[track_caller]
+fn assert_equal(name: &str, simavr: &str, avr8js: &str) {
+    let (ours, theirs): (Vec<_>, Vec<_>) = (simavr.lines().collect(), avr8js.lines().collect());
+    let same = ours.iter().zip(&theirs).take_while(|(a, b)| a == b).count();
+    if same == ours.len() && same == theirs.len() {
+        return;
+    }
+    for (processor, trace) in [("simavr", simavr), ("avr8js", avr8js)] {
+        let path = target_dir().join(format!("web-build/{name}.{processor}.trace"));
+        std::fs::write(path, trace).expect("the target directory can be written");
+    }
+    let from = same.saturating_sub(CONTEXT);
+    let part = |lines: &[&str]| {
+        let end = (same + CONTEXT).min(lines.len());
+        lines[from.min(end)..end].join("\n")
+    };
+    panic!(
+        "{same} of {} lines are equal, then simavr:\n{}\n\navr8js:\n{}",
+        ours.len(),
+        part(&ours),
+        part(&theirs)
+    );
+}
+
+#[track_caller]
+fn compare(board: &str, preset: &str, traffic: &str) {
+    let (seconds, seed) = (number("CROSS_SECONDS", 9), number("CROSS_SEED", 1));
+    let elf = firmware_for(board, "seeed", preset).expect("the firmware");
+    let other = avr8js(&elf, traffic, seconds, seed);
+    let firmware = Firmware::read(&elf).expect("an ELF file");
+    let avr = Avr::with_firmware(&firmware).expect("a program for a known chip");
+    let kind = Traffic::named(traffic).expect("a traffic");
+    let trace = scenario::run(avr, &firmware, kind, seconds, seed).expect("a possible wiring");
+    for kind in ["frame", "pulse", "serial", "eeprom"] {
+        let count = trace.lines().filter(|line| line.starts_with(kind)).count();
+        println!("{board} {preset}: {count} {kind} lines");
+        // The preset remote has no serial monitor.
+        assert!(count > 0 || (kind, preset) == ("serial", "remote"), "no {kind}");
+    }
+    assert_equal(preset, &trace, &other());
+}
+
+#[test]
+fn default_runs_alike_on_simavr_and_avr8js() {
+    compare("diecimila", "default", "ardupilot");
+}
+
+#[test]
+fn remote_runs_alike_on_simavr_and_avr8js() {
+    compare("diecimila", "remote", "px4");
+}
+
+#[test]
+fn thesis_runs_alike_on_simavr_and_avr8js() {
+    compare("diecimila", "thesis", "thesis");
+}
+
+#[test]
+fn full_runs_alike_on_simavr_and_avr8js() {
+    compare("uno", "full", "ardupilot");
+}

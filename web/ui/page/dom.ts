@@ -1,0 +1,49 @@
+// Short forms of the document's methods.
+
+/** The element with this ID, which index.html has. */
+export function byId<T extends HTMLElement = HTMLElement>(id: string): T {
+  const element = document.getElementById(id);
+  if (!element) {
+    throw new Error(`index.html has no element "${id}"`);
+  }
+  return element as T;
+}
+
+export function setText(element: HTMLElement, text: string) {
+  if (element.textContent !== text) {
+    element.textContent = text;
+  }
+}
+
+export function setPressed(element: HTMLElement, pressed: boolean) {
+  element.setAttribute("aria-pressed", String(pressed));
+}
+
+export function make<K extends keyof HTMLElementTagNameMap>(
+  name: K,
+  properties: Partial<HTMLElementTagNameMap[K]> = {},
+  ...children: (Node | string)[]
+): HTMLElementTagNameMap[K] {
+  const element = Object.assign(document.createElement(name), properties);
+  element.append(...children);
+  return element;
+}
+
+/** A colour of app.css. */
+export function colour(name: string) {
+  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+}
+
+/** The context of a canvas, scaled so that a unit is a CSS pixel, and the size in units. */
+export function prepare(canvas: HTMLCanvasElement, width: number, height: number) {
+  const scale = window.devicePixelRatio || 1;
+  const [w, h] = [Math.round(width * scale), Math.round(height * scale)];
+  if (canvas.width !== w || canvas.height !== h) {
+    canvas.width = w;
+    canvas.height = h;
+  }
+  const context = canvas.getContext("2d")!;
+  context.setTransform(scale, 0, 0, scale, 0, 0);
+  context.clearRect(0, 0, width, height);
+  return context;
+}

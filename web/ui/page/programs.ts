@@ -1,0 +1,19 @@
+// The programs that the page has: those of the release, without symbols.
+
+import diecimila from "programs/diecimila-seeed.elf";
+import remote from "programs/diecimila-seeed-remote.elf";
+import thesis from "programs/diecimila-seeed-thesis.elf";
+import uno from "programs/uno-seeed.elf";
+
+export interface Choice {
+  name: string;
+  bytes: Uint8Array;
+  autopilot: string;
+}
+
+export const PROGRAMS: Choice[] = [
+  { name: "Diecimila: default", bytes: diecimila, autopilot: "ardupilot" },
+  { name: "Uno: full, eight outputs", bytes: uno, autopilot: "ardupilot" },
+  { name: "Diecimila: remote", bytes: remote, autopilot: "px4" },
+  { name: "Diecimila: thesis of 2014", bytes: thesis, autopilot: "thesis" },
+];
