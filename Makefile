@@ -47,14 +47,17 @@ TOOLS := $(TARGET_DIR)/tools
 .PHONY: elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares
 .PHONY: third-party flash size budget bench lint setup clean
 .PHONY: bounds losses test-bounds test-packages test-library test-host test-bounds test-firmware
-.PHONY: test-uno test-boards test-clients
+.PHONY: test-uno test-boards test-clients test-web web web-page web-pictures
+.PHONY: cross-check
 help:
 	@echo "make sim        build the firmware and watch it work on a simulated board and CAN bus  (ARGS=\"--for 5s\"); five minutes the first time"
 	@echo "make gdb        the same, waiting for avr-gdb on port 3333"
 	@echo "make bridge     show what a ground station sees of the node through MAVLink: simulator and bridge"
+	@echo "make web        build a web page in which the firmware runs on a simulated board and bus, and serve it  (WEB_PORT=8000)"
 	@echo "make install    the firmware, and the commands sim, bridge and node-update in ~/.cargo/bin  (PREFIX=/usr/local for /usr/local/bin)"
 	@echo "make test       every test that CI runs, about 20 minutes the first time; installs what is missing first"
-	@echo "make test-all   that, and then the long tests below"
+	@echo "make test-web   the web page in Chromium, and its processor against simavr: four minutes the first time"
+	@echo "make test-all   these two, and then the long tests below"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make fuzz-coverage   the parsers in libFuzzer, a minute each  (TIME=900)"
 	@echo "make soak       run a node with random faults for an hour  (HOURS=4, SEED=7 for other faults; Ctrl-C ends it with a summary)"
@@ -67,6 +70,7 @@ help:
 	@echo "make dist       firmware and bootloader of every board, with licences and checksums, in target/dist  (ten minutes; BOARD=uno SHIELD=module for one, two minutes)"
 	@echo "make build-twice   check that two builds of the last commit have the same bytes, in two directories  (two minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
+	@echo "make cross-check   run the firmware on avr8js and on simavr, and compare all that they do  (CROSS_SECONDS=60, CROSS_SEED=7; CROSS_BROWSER=1)"
 	@echo "make bounds     prove the stack of the firmware from its machine code (docs/bounds.md)"
 	@echo "make size       size of the firmware by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
@@ -113,6 +117,25 @@ update-program:
 	@scripts/setup build
 	@test -e $(PROGRAMS)/node-update || echo "Compiling the program: a minute on two cores the first time"
 	@cargo build --quiet --release -p node-update
+
+# The page with the programs of the release, and the bundles of the cross-check. Without a port the
+# server takes any free one.
+WEB_PORT ?= 0
+web: web-page
+	@node web/serve.mjs '$(TARGET_DIR)/web' $(WEB_PORT)
+
+web-page:
+	@scripts/setup web
+	@test -e $(TARGET_DIR)/web/app.js || echo "Building the page: three minutes on two cores the first time"
+	@scripts/firmware $(SHIPPED) >&2
+	@scripts/firmware $(UNO) full >&2
+	@scripts/web
+
+# Both processors run the same programs with the same traffic, and then each instruction with random
+# operands.
+cross-check: web-page
+	cargo test -p web --test cross_check -- --nocapture
+	cargo test -p bench --test opcodes -- --ignored
 
 # The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been
 # compiled, and cargo would look for newer crates.
@@ -221,6 +244,14 @@ test-clients:
 	cargo build -p node-update
 	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile -m '$(CLIENTS)' tests/clients
 
+# The page in Chromium, and seconds of the cross-check: a job of its own in CI, because WebAssembly
+# compiles for two minutes. WEB_TESTS=--long adds the long tests.
+test-web: web-page
+	@scripts/setup browser
+	cd web && node_modules/.bin/tsc
+	CROSS_SECONDS=$(or $(CROSS_SECONDS),5) cargo test -p web
+	node web/check/page.mjs '$(TARGET_DIR)/web' $(WEB_TESTS)
+
 # The long tests, one after the other. Append new ones.
 LONG := reliability elf-mutants fuzz fuzz-coverage soak
 WITHOUT_THESIS = TEST_FILES='$(filter-out thesis,$(TEST_FILES))'
@@ -236,6 +267,9 @@ test-all: test lint
 	@$(MAKE) --no-print-directory test-boards
 	@$(MAKE) --no-print-directory build-twice
 	@$(MAKE) --no-print-directory test-clients CLIENTS=long
+	@# A minute of the cross-check, with the same traffic in Node.js and in a browser.
+	@$(MAKE) --no-print-directory test-web WEB_TESTS=--long CROSS_SECONDS=60
+	@$(MAKE) --no-print-directory cross-check CROSS_SECONDS=60 CROSS_BROWSER=1
 	@# Without the feature that the other packages ask for.
 	cargo test -p mcp2515-ordered
 	@set -e; for target in $(LONG); do echo "make $$target"; $(MAKE) --no-print-directory $$target; done
@@ -279,6 +313,7 @@ $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alo
 # three minutes from an empty target directory, so "make test-all" does that.
 lint: lint-firmware
 	cargo clippy --workspace --all-targets -- -D warnings
+	cargo clippy -p web --target wasm32-unknown-unknown -- -D warnings
 
 lint-firmware: setup
 	cargo fmt --all --check
@@ -312,6 +347,11 @@ advisories: $(TOOLS)/bin/cargo-deny
 bench: firmware third-party
 	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
 	@$(MAKE) --no-print-directory losses
+
+# The pictures of docs/web.md and the README, from Chromium.
+web-pictures: web-page
+	@scripts/setup browser
+	@node web/check/page.mjs '$(TARGET_DIR)/web' --pictures docs/img
 
 # Of every program for the chip of BOARD. A flood takes MINUTES of simulated time.
 losses:
@@ -396,4 +436,4 @@ $(TOOLS)/bin/cargo-fuzz:
 
 clean:
 	cargo clean
-	rm -rf $(VENV)
+	rm -rf $(VENV) web/node_modules
