@@ -5,16 +5,18 @@
 //! specification (chapters 3 to 5) and the public DSDL and shares no code with the firmware, so
 //! that neither can hide a mistake of the other. Layers, lowest first: [`Frame`], [`crc`], [`id`]
 //! (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly), [`types`] (names and
-//! signatures), the payloads that are decoded completely ([`status`], [`broadcast`], [`esc`], and
-//! for services [`management`]), and [`message`] with all of them. [`text`] formats them. [`draft`]
-//! has the same layers for the draft, and [`dialect`] finds the dialect of a frame. Besides there
-//! are [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP multicast bus.
+//! signatures), the payloads that are decoded completely ([`status`], [`broadcast`], [`battery`],
+//! [`esc`], and for services [`management`]), and [`message`] with all of them. [`text`] formats
+//! them. [`draft`] has the same layers for the draft, and [`dialect`] finds the dialect of a frame.
+//! Besides there are [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
+//! multicast bus.
 //!
 //! Limits: extended data frames only, because the dialect has no others. Types beyond [`Message`]
 //! have a name and are not decoded.
 
 #![forbid(unsafe_code)]
 
+pub mod battery;
 pub mod broadcast;
 pub mod crc;
 pub mod dialect;
@@ -36,6 +38,7 @@ pub mod types;
 #[cfg(test)]
 mod tests;
 
+pub use battery::BatteryInfo;
 pub use broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand};
 pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Decoded, Dialect, Observation, Observer};

@@ -2,6 +2,7 @@
 //!
 //! Layouts from the public DSDL; little endian throughout, float16 by the crate `half`.
 
+use super::battery::BatteryInfo;
 use super::broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand};
 use super::esc;
 use super::management::{
@@ -233,6 +234,7 @@ pub enum Message {
     ActuatorStatus(ActuatorStatus),
     Temperature(Temperature),
     CircuitStatus(CircuitStatus),
+    BatteryInfo(Box<BatteryInfo>),
     /// For each motor -8192 to 8191.
     RawCommand(Vec<i16>),
     LightsCommand(Vec<LightCommand>),
@@ -306,6 +308,9 @@ impl Message {
             types::ACTUATOR_STATUS => ActuatorStatus::decode(payload).map(Message::ActuatorStatus),
             types::TEMPERATURE => Temperature::decode(payload).map(Message::Temperature),
             types::CIRCUIT_STATUS => CircuitStatus::decode(payload).map(Message::CircuitStatus),
+            types::BATTERY_INFO => {
+                BatteryInfo::decode(payload).map(|info| Message::BatteryInfo(Box::new(info)))
+            }
             types::RAW_COMMAND => esc::decode_commands(payload).map(Message::RawCommand),
             types::LIGHTS_COMMAND => {
                 LightCommand::decode_array(payload).map(Message::LightsCommand)
@@ -370,6 +375,7 @@ impl Message {
             Message::ActuatorStatus(status) => (&types::ACTUATOR_STATUS, status.encode()),
             Message::Temperature(temperature) => (&types::TEMPERATURE, temperature.encode()),
             Message::CircuitStatus(status) => (&types::CIRCUIT_STATUS, status.encode()),
+            Message::BatteryInfo(info) => (&types::BATTERY_INFO, info.encode()),
             Message::RawCommand(commands) => (&types::RAW_COMMAND, esc::encode_commands(commands)),
             Message::LightsCommand(commands) => {
                 (&types::LIGHTS_COMMAND, LightCommand::encode_array(commands))
@@ -461,6 +467,7 @@ impl fmt::Display for Message {
             Message::ActuatorStatus(status) => write!(f, " {status}"),
             Message::Temperature(temperature) => write!(f, " {temperature}"),
             Message::CircuitStatus(status) => write!(f, " {status}"),
+            Message::BatteryInfo(info) => write!(f, " {info}"),
             Message::RawCommand(commands) => list(f, commands),
             Message::LightsCommand(commands) => list(f, commands),
             Message::ArmingStatus(0) => write!(f, " disarmed"),

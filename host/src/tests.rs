@@ -172,6 +172,42 @@ fn circuit_status_equals_pydronecan() {
 }
 
 #[test]
+fn battery_info_equals_pydronecan() {
+    let charging = BatteryInfo {
+        temperature: f16::from_f32(310.5),
+        voltage: f16::from_f32(25.2),
+        current: f16::from_f32(-3.2),
+        average_power: f16::from_f32(80.0),
+        remaining_wh: f16::from_f32(40.0),
+        full_wh: f16::from_f32(50.0),
+        hours_to_full: f16::from_f32(1.5),
+        flags: 0x10B,
+        health: 93,
+        charge: 80,
+        charge_deviation: 5,
+        battery: 3,
+        model_instance: 0x1234_5678,
+        model: b"LiPo 6S".to_vec(),
+    };
+    both_ways(
+        "18044478 AA 24 DA 5C 4D 4E 66 89 | C2 00 55 00 51 40 52 29 | 00 3E 0B 37 68 05 03 09 | \
+         78 56 34 12 4C 69 50 29 | 6F 20 36 53 49",
+        Message::BatteryInfo(Box::new(charging)),
+        "power.BatteryInfo battery 3 25.20 V -3.20 A 80 % 40.0 Wh 37.4 C CHARGING TEMP_HOT \
+         BMS_ERROR",
+    );
+    let vector = golden(
+        "18044478 E8 B5 FF 7F 40 4A 00 80 | 49 FF 7F FF 7F FF 7F 20 | 00 00 01 1F FF FF 00 00 | \
+         00 00 00 00 60",
+    );
+    assert_eq!(
+        Message::decode(&assemble(&vector)).to_string(),
+        "power.BatteryInfo battery 0 12.50 V 10.00 A",
+        "what is unknown is not shown"
+    );
+}
+
+#[test]
 fn raw_commands_equal_pydronecan() {
     let raw = |commands: &[i16]| Message::RawCommand(commands.to_vec());
     both_ways("00040601 C4", raw(&[]), "esc.RawCommand (empty)");

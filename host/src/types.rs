@@ -88,6 +88,8 @@ pub const LIGHTS_COMMAND: DataType =
     message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20));
 pub const CIRCUIT_STATUS: DataType =
     message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56));
+pub const BATTERY_INFO: DataType =
+    message(1092, "power.BatteryInfo", 0x249C_2654_8A71_1966, list(184, 8, 31));
 pub const ARMING_STATUS: DataType = message(1100, "ArmingStatus", 0x8700_F375_556A_8003, fixed(8));
 pub const TEMPERATURE: DataType = message(1110, "Temperature", 0x7026_1C28_A941_44C6, fixed(40));
 /// One byte: servo command, 0 to 255 over the full travel.
@@ -177,7 +179,7 @@ pub const KNOWN: &[DataType] = &[
     message(1080, "BeepCommand", 0xBE9E_A9FE_C2B1_5D52, fixed(32)),
     message(1090, "power.PrimaryPowerSupplyStatus", 0xBBA0_5074_AD75_7480, fixed(47)),
     CIRCUIT_STATUS,
-    message(1092, "power.BatteryInfo", 0x249C_2654_8A71_1966, list(184, 8, 31)),
+    BATTERY_INFO,
     message(1129, "ice.FuelTankStatus", 0x286B_4A38_7BA8_4BC4, fixed(104)),
     message(1140, "rc.RCInput", 0x7715_55E5_96AA_B4CF, list(28, 12, 32)),
     TUNNEL_BROADCAST,

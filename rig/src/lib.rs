@@ -78,8 +78,8 @@ pub fn elf() -> PathBuf {
         // No preset has this feature.
         "tunnel" => firmware_for("uno", "seeed", "tunnel"),
         // The ATmega168 has no room for these features.
-        "allocation" | "lights" | "motors" | "outputs" | "power" | "safety" | "saving"
-        | "stats"
+        "allocation" | "battery" | "lights" | "motors" | "outputs" | "power" | "safety"
+        | "saving" | "stats"
             if !has_all_features() =>
         {
             firmware_for("uno", "seeed", "full")

@@ -28,7 +28,7 @@ const OF_DEFAULT: [(&str, i64, i64, i64); 15] = [
     ("TELEM_RATE", 10, 0, 50),
 ];
 /// The parameters that follow in the preset "full", before those of the outputs.
-const OF_FULL: [(&str, i64, i64, i64); 16] = [
+const OF_FULL: [(&str, i64, i64, i64); 20] = [
     ("LIGHT_ID", 0, 0, 255),
     ("STATS_RATE", 0, 0, 10),
     ("SAFE_MODE", 1, 0, 1),
@@ -45,6 +45,10 @@ const OF_FULL: [(&str, i64, i64, i64); 16] = [
     ("PWR1_VOLT_MAX", 0, 0, 65_535),
     ("PWR1_AMP_MAX", 0, 0, 32_767),
     ("PWR1_OUT", 0, 0, 8),
+    ("BATT_RATE", 0, 0, 10),
+    ("BATT_ID", 0, 0, 255),
+    ("BATT_CAPACITY", 0, 0, 65_535),
+    ("BATT_TEMP", 0, 0, 1),
 ];
 
 /// The parameters of an output, whose pulses are at most `longest_us` long. OUTn_TYPE is that of

@@ -226,6 +226,17 @@ impl Node {
         self.power.is_known()
     }
 
+    #[inline(never)]
+    pub(super) fn put_battery_info(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        let Self { battery, power, temperature, parameters, outgoing, .. } = self;
+        battery.put(power, temperature, parameters, |word| outgoing.put16(word));
+        outgoing.put8(parameters.get(Parameter::BattId) as u8);
+        // No number of the model, and no name.
+        outgoing.put16(0);
+        outgoing.put16(0);
+        power.is_known()
+    }
+
     #[inline(always)]
     pub(super) fn put_allocation(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
         self.allocation.request(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));

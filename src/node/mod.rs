@@ -45,6 +45,7 @@ use crate::handover::REQUEST_LEN;
 use crate::hardware::Input;
 use crate::monitor::{Event, Line, Monitor, Words};
 use crate::parts::allocation::Allocation;
+use crate::parts::battery::Battery;
 use crate::parts::button::Button;
 use crate::parts::dialect;
 use crate::parts::lights::Lights;
@@ -109,6 +110,7 @@ pub struct Node {
     filters_s: u8,
     outputs: Outputs,
     allocation: Allocation,
+    battery: Battery,
     button: Button,
     lights: Lights,
     measurements: dialect::Measurements,
@@ -140,6 +142,7 @@ impl Node {
             filters_s: 0,
             outputs: Outputs::new(),
             allocation: Allocation::new(),
+            battery: Battery::new(),
             button: Button::new(),
             lights: Lights::new(),
             measurements: dialect::Measurements::new(),
@@ -279,7 +282,7 @@ impl Node {
 
     /// Does one pending chore.
     #[inline(always)]
-    pub fn do_chore(&mut self, monitor: &mut Monitor) {
+    pub fn do_chore(&mut self, now_ms: u16, monitor: &mut Monitor) {
         if self.chores.remove(Chore::ApplyParameters) {
             self.apply_next_parameters();
         } else if self.chores.remove(Chore::Measure) {
@@ -287,8 +290,18 @@ impl Node {
         } else if self.chores.remove(Chore::Second) {
             self.second(monitor);
         } else if self.chores.remove(Chore::MeasurePower) {
-            self.power.measure(&self.parameters);
+            self.measure_power(now_ms);
         }
+    }
+
+    /// Computes voltage and current of the circuit, and the charge that the battery gave.
+    #[inline(never)]
+    fn measure_power(&mut self, now_ms: u16) {
+        // Before the first measurement no current is known.
+        let was_measured = self.power.is_known();
+        self.power.measure(&self.parameters);
+        let centiamperes = if was_measured { self.power.centiamperes() } else { 0 };
+        self.battery.add(centiamperes, now_ms);
     }
 
     /// Has the parameters applied after some were set.

@@ -164,6 +164,16 @@ parameters! {
         /// PWR1_AMP_MAX; 0 is none.
         Pwr1Out "PWR1_OUT" 0..8 = 0,
     }
+    if feature = "battery" {
+        /// Rate of BatteryInfo, in messages a second.
+        BattRate "BATT_RATE" 0..10 = 0,
+        /// The ID of the battery.
+        BattId "BATT_ID" 0..255 = 0,
+        /// The charge of the full battery, in mAh; 0 is unknown.
+        BattCapacity "BATT_CAPACITY" 0..65535 = 0,
+        /// 1 if the temperature sensor is at the battery.
+        BattTemp "BATT_TEMP" 0..1 = 0,
+    }
 }
 
 /// The longest pulse, in microseconds. Between the end of a pulse and the pulse of the next output

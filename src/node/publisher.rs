@@ -191,6 +191,11 @@ publications! {
         CircuitStatus = dronecan_wire::types::CIRCUIT_STATUS, short, 7, Rate(Parameter::PwrRate)
             => put_circuit_status;
     }
+    if feature = "battery" {
+        /// uavcan.equipment.power.BatteryInfo
+        BatteryInfo = dronecan_wire::types::BATTERY_INFO, long, 23, Rate(Parameter::BattRate)
+            => put_battery_info;
+    }
     if feature = "allocation" {
         /// uavcan.protocol.dynamic_node_id.Allocation
         Allocation = dronecan_wire::types::ALLOCATION, short, 7, Event => put_allocation;

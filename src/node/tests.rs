@@ -10,6 +10,8 @@ use std::f64::consts::FRAC_PI_4;
 
 #[cfg(feature = "allocation")]
 mod allocate;
+#[cfg(feature = "battery")]
+mod battery;
 mod manage;
 #[cfg(feature = "outputs")]
 mod outputs;

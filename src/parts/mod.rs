@@ -25,6 +25,12 @@ pub mod arming;
 #[path = "absent/arming.rs"]
 pub mod arming;
 
+#[cfg(feature = "battery")]
+pub mod battery;
+#[cfg(not(feature = "battery"))]
+#[path = "absent/battery.rs"]
+pub mod battery;
+
 #[cfg(feature = "button")]
 pub mod button;
 #[cfg(not(feature = "button"))]

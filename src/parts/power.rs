@@ -18,7 +18,7 @@ const OVERVOLTAGE: u8 = 1;
 /// Error flag of a CircuitStatus: below PWR1_VOLT_MIN.
 const UNDERVOLTAGE: u8 = 2;
 /// Error flag of a CircuitStatus: above PWR1_AMP_MAX.
-const OVERCURRENT: u8 = 4;
+pub const OVERCURRENT: u8 = 4;
 
 /// Readings in a sum.
 const READINGS: u8 = 16;
@@ -62,10 +62,11 @@ impl Power {
         }
     }
 
-    /// The input for the next reading. Without PWR_RATE it is always the temperature sensor.
+    /// The input for the next reading. Without PWR_RATE and BATT_RATE it is always the temperature
+    /// sensor.
     pub fn next_input(&self, parameters: &Parameters) -> Input {
         match self.input {
-            Input::Sensor if parameters.is_on(Parameter::PwrRate) => Input::Voltage,
+            Input::Sensor if is_wanted(parameters) => Input::Voltage,
             Input::Voltage => Input::Current,
             _ => Input::Sensor,
         }
@@ -97,16 +98,28 @@ impl Power {
     }
 
     /// The voltage in volts as a float16.
-    #[inline(always)]
+    #[inline(never)]
     pub fn voltage(&self) -> u16 {
         float16::from_fixed(scaled(self.millivolts, 256, 1000), 8)
     }
 
     /// The current in amperes as a float16.
-    #[inline(always)]
+    #[inline(never)]
     pub fn current(&self) -> u16 {
         let amperes = float16::from_fixed(scaled(self.centiamperes.unsigned_abs(), 64, 100), 6);
         if self.centiamperes < 0 { amperes | float16::SIGN } else { amperes }
+    }
+
+    /// The current in 10 mA.
+    pub fn centiamperes(&self) -> i16 {
+        self.centiamperes
+    }
+
+    /// The energy of a charge at the circuit's voltage, in watt-hours as a float16.
+    #[inline(never)]
+    pub fn energy(&self, charge_mah: u16) -> u16 {
+        // In sixteenths: mAh x mV / (1,000,000 / 16), halved, because the divisor has 15 bits.
+        float16::from_fixed(scaled(charge_mah, self.millivolts >> 1, 31_250), 4)
     }
 
     /// The error flags of a CircuitStatus.
@@ -160,7 +173,7 @@ impl Power {
     /// second.
     #[inline(always)]
     pub fn second(&mut self, parameters: &Parameters, health: &mut Health, monitor: &mut Monitor) {
-        if !parameters.is_on(Parameter::PwrRate) {
+        if !is_wanted(parameters) {
             self.has_measured = false;
             self.flags = 0;
         }
@@ -174,9 +187,23 @@ impl Power {
     }
 }
 
+/// True if a message needs the circuit.
+#[inline(always)]
+fn is_wanted(parameters: &Parameters) -> bool {
+    parameters.is_on(Parameter::PwrRate) || parameters.is_on(Parameter::BattRate)
+}
+
 impl Default for Power {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+#[cfg(test)]
+impl Power {
+    /// A circuit that was measured: its voltage in mV and its current in 10 mA.
+    pub fn at(millivolts: u16, centiamperes: i16) -> Self {
+        Self { millivolts, centiamperes, has_measured: true, ..Self::new() }
     }
 }
 

@@ -1,5 +1,6 @@
 """The installed pydronecan produces the bytes that the Rust tests quote."""
 
+import math
 import re
 
 import dronecan
@@ -96,6 +97,27 @@ def can_stats():
     )
 
 
+def battery_info(**known):
+    """As the node at 12.5 V and 10 A sends it: what is not `known` is NaN, or 127."""
+    unknown = {
+        "temperature": math.nan,
+        "remaining_capacity_wh": math.nan,
+        "full_charge_capacity_wh": math.nan,
+        "status_flags": 1,
+        "state_of_charge_pct": 127,
+        "battery_id": 0,
+    }
+    return uavcan.equipment.power.BatteryInfo(
+        voltage=12.5,
+        current=10.0,
+        average_power_10sec=math.nan,
+        hours_to_full_charge=0.0,
+        state_of_health_pct=127,
+        state_of_charge_pct_stdev=127,
+        **{**unknown, **known},
+    )
+
+
 HALF = (1, 0, 0.5)
 CASES = {
     "NodeStatus": (node_status, 42, 24, 5, "1801552A 78 56 34 12 40 EF BE C5"),
@@ -175,6 +197,52 @@ CASES = {
         24,
         5,
         "18044378 34 12 4D 4A 66 C2 06 C5",
+    ),
+    "BatteryInfo": (
+        lambda: uavcan.equipment.power.BatteryInfo(
+            temperature=310.5,
+            voltage=25.2,
+            current=-3.2,
+            average_power_10sec=80.0,
+            remaining_capacity_wh=40.0,
+            full_charge_capacity_wh=50.0,
+            hours_to_full_charge=1.5,
+            status_flags=0x10B,
+            state_of_health_pct=93,
+            state_of_charge_pct=80,
+            state_of_charge_pct_stdev=5,
+            battery_id=3,
+            model_instance_id=0x12345678,
+            model_name="LiPo 6S",
+        ),
+        120,
+        24,
+        9,
+        "18044478 AA 24 DA 5C 4D 4E 66 89 | C2 00 55 00 51 40 52 29 | 00 3E 0B 37 68 05 03 09 | "
+        "78 56 34 12 4C 69 50 29 | 6F 20 36 53 49",
+    ),
+    "BatteryInfo of the node": (
+        lambda: battery_info(
+            temperature=298.25,
+            remaining_capacity_wh=15.0,
+            full_charge_capacity_wh=16.25,
+            status_flags=33,
+            state_of_charge_pct=92,
+            battery_id=7,
+        ),
+        120,
+        24,
+        3,
+        "18044478 77 12 A9 5C 40 4A 00 83 | 49 FF 7F 80 4B 10 4C 23 | 00 00 21 1F EE 7F 07 03 | "
+        "00 00 00 00 63",
+    ),
+    "BatteryInfo of nothing known": (
+        lambda: battery_info(),
+        120,
+        24,
+        0,
+        "18044478 E8 B5 FF 7F 40 4A 00 80 | 49 FF 7F FF 7F FF 7F 20 | 00 00 01 1F FF FF 00 00 | "
+        "00 00 00 00 60",
     ),
     "RawCommand of none": (raw_command, 1, 0, 4, "00040601 C4"),
     "RawCommand of four": (
@@ -390,6 +458,10 @@ def test_pydronecan_produces_the_quoted_messages(name):
         ("host/src/tests.rs", "SafetyState", "whole"),
         ("host/src/tests.rs", "Button", "whole"),
         ("host/src/tests.rs", "CircuitStatus", "whole"),
+        ("host/src/tests.rs", "BatteryInfo", "whole"),
+        ("host/src/tests.rs", "BatteryInfo of nothing known", "whole"),
+        ("src/node/tests/battery.rs", "BatteryInfo of the node", "whole"),
+        ("src/node/tests/battery.rs", "BatteryInfo of nothing known", "whole"),
         ("host/src/tests.rs", "RawCommand of none", "whole"),
         ("host/src/tests.rs", "RawCommand of four", "whole"),
         ("host/src/tests.rs", "RawCommand of eight", "whole"),

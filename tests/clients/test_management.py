@@ -86,6 +86,7 @@ def test_the_parameters_of_features_precede_those_of_the_outputs(bench):
         "OUT",
     ]
     features += [f"PWR1_{name}" for name in circuit]
+    features += ["BATT_RATE", "BATT_ID", "BATT_CAPACITY", "BATT_TEMP"]
     outputs = [
         f"OUT{output}_{name}" for output in range(1, 9) for name in [*OUTPUT_PARAMETERS, "TYPE"]
     ]

@@ -77,6 +77,81 @@ def test_can_stats_count_frames(bench):
     assert (last.rx_overflow, last.busoff_errors, last.tx_timedout) == (0, 0, 0)
 
 
+class ArduPilotBattery:
+    """A battery monitor of ArduPilot with BATT_MONITOR 8, by AP_BattMonitor_DroneCAN.cpp."""
+
+    TIMEOUT_S = 5
+    UNKNOWN = 127
+
+    def __init__(self, serial_number=-1, capacity_mah=3300):
+        self.serial_number, self.capacity_mah = serial_number, capacity_mah
+        self.node = None
+        self.soc = self.UNKNOWN
+        self.health = self.temperature = self.last = None
+        self.consumed_mah = 0.0
+
+    def hear(self, event):
+        message, source = event.message, event.transfer.source_node_id
+        if self.serial_number not in (-1, message.battery_id) or self.node not in (None, source):
+            return
+        self.node = source
+        self.voltage, self.current = message.voltage, message.current
+        self.soc = message.state_of_charge_pct
+        if not math.isnan(message.temperature) and message.temperature > 0:
+            self.temperature = message.temperature - 273.15
+        now = event.transfer.ts_monotonic
+        if self.last is not None:
+            self.consumed_mah += self.current * (now - self.last) / 3.6
+        self.last = now
+        if message.state_of_health_pct != self.UNKNOWN:
+            self.health = message.state_of_health_pct
+
+    def is_healthy(self, now):
+        return self.last is not None and now - self.last <= self.TIMEOUT_S
+
+    def remaining_percent(self):
+        """The node's state of charge, or if that is unknown one of its own."""
+        if self.soc != self.UNKNOWN:
+            return self.soc
+        return 100 * max(0, 1 - self.consumed_mah / self.capacity_mah)
+
+
+def test_ardupilot_s_battery_monitor_reads_voltage_current_and_charge(bench):
+    # 12.6 V with a divider of 10 and 1 kOhm, and 18 A with 0.2 V for an ampere.
+    used = bench(
+        "--pwr-voltage", "1145", "--pwr-current", "3600", elf=node_elf("full", board="uno")
+    )
+    client = used.dronecan()
+    for name, value in (
+        ("PWR1_VOLT_MULT", 11000), ("PWR1_AMP_PERVLT", 500), ("BATT_ID", 5), ("BATT_RATE", 10),
+    ):
+        client.set(name, value)
+    any_battery, fifth, sixth = ArduPilotBattery(), ArduPilotBattery(5), ArduPilotBattery(6)
+    batteries = (any_battery, fifth, sixth)
+    handles = [
+        client.node.add_handler(uavcan.equipment.power.BatteryInfo, battery.hear)
+        for battery in batteries
+    ]
+    client.spin(2)
+    assert sixth.node is None, "BATT_SERIAL_NUM 6 is another battery"
+    for battery in (any_battery, fifth):
+        assert battery.node == 120 and battery.is_healthy(battery.last + 4)
+        assert battery.voltage == pytest.approx(12.6, abs=0.08)
+        assert battery.current == pytest.approx(18.0, abs=0.08)
+        assert battery.temperature is None and battery.health is None
+        # The node knows no capacity, so ArduPilot counts: about 10 mAh of 3300.
+        assert battery.soc == ArduPilotBattery.UNKNOWN and 99 < battery.remaining_percent() < 100
+    client.set("BATT_TEMP", 1)
+    client.set("BATT_CAPACITY", 200)
+    client.spin(0.5)
+    before = fifth.remaining_percent()
+    assert 30 < before < 95 and before == fifth.soc
+    client.spin_until(lambda: fifth.remaining_percent() <= before - 5, "10 mAh less")
+    assert fifth.temperature == pytest.approx(25, abs=1)
+    for handle in handles:
+        handle.remove()
+
+
 def test_with_arm_req_commands_are_followed_when_the_vehicle_is_armed(bench):
     used = bench()
     client = used.dronecan()

@@ -232,6 +232,11 @@ pub struct Args {
     #[arg(long, value_name = "MV", value_parser = millivolts, allow_hyphen_values = true)]
     pub pwr_current: Option<u32>,
 
+    /// Let the voltage of --pwr-voltage fall like that of a lithium battery which is empty after
+    /// this many minutes
+    #[arg(long, value_name = "MINUTES", value_parser = minutes, requires = "pwr_voltage")]
+    pub pwr_discharge: Option<f64>,
+
     /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the
     /// names)
     #[arg(long, value_name = "NAME@TIME")]
@@ -467,6 +472,13 @@ fn celsius(text: &str) -> Result<f64, String> {
     }
 }
 
+fn minutes(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(minutes @ 0.0..=10_000.0) => Ok(minutes),
+        _ => Err(String::from("use minutes from 0 to 10000")),
+    }
+}
+
 fn deflection(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(deflection @ -1.0..=1.0) => Ok(deflection),
@@ -550,6 +562,8 @@ mod tests {
             ("sim --pwr-voltage 12.6", "0 to 5000"),
             ("sim --pwr-current 5001", "0 to 5000"),
             ("sim --pwr-current -1", "0 to 5000"),
+            ("sim --pwr-voltage 1000 --pwr-discharge x", "minutes from 0"),
+            ("sim --pwr-discharge 5", "--pwr-voltage <MV>"),
             ("sim --actuator -1", "0 to 255"),
             ("sim --actuator every", "or all"),
             ("sim --motors 0", "1 to 20"),

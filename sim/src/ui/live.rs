@@ -70,9 +70,9 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         return 0;
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
-    // Only some programs measure a circuit.
-    let circuit_row = u16::from(state.circuit.is_some());
-    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + circuit_row + BUS_ROWS };
+    // Only some programs measure a circuit, or a battery.
+    let circuit_rows = u16::from(state.circuit.is_some()) + u16::from(state.battery.is_some());
+    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + circuit_rows + BUS_ROWS };
     let columns = usize::from(area.width);
     let mut note_lines = output_lines(state, columns);
     note_lines.extend(failure_lines(state, columns));
@@ -309,6 +309,19 @@ fn circuit_line(state: &State) -> Option<Line<'static>> {
     Some(Line::from(vec![Span::from(format!("circuit {voltage}  {current}")), errors]))
 }
 
+/// The last BatteryInfo of the node; `None` before the first. Voltage and current are here only if
+/// no CircuitStatus has them.
+fn battery_line(state: &State) -> Option<Line<'static>> {
+    let battery = state.battery.as_ref()?;
+    let mut text = format!("battery {}", battery.battery);
+    if state.circuit.is_none() {
+        let (volts, amperes) = (battery.voltage.to_f32(), battery.current.to_f32());
+        text += &format!(" {volts:.2} V {amperes:.2} A");
+    }
+    let flags = Span::styled(battery.flags_text(), BAD);
+    Some(Line::from(vec![Span::from(text + &battery.charge_text()), flags]))
+}
+
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
     let Wiring { servo, sensor, .. } = &state.wiring;
     let name = if state.output_widths().is_empty() { "Servo" } else { "OUT1" };
@@ -485,6 +498,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
         lines.push(line);
     }
     lines.extend(circuit_line(state));
+    lines.extend(battery_line(state));
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }

@@ -2,9 +2,11 @@
 
 use super::*;
 use crate::ui::keys::Popup;
-use crate::ui::state::{AutopilotState, Event, Memory};
+use crate::ui::state::{AutopilotState, Event, Memory, battery_info};
 use bench::avr::Chip;
 use bench::can::{self, Record, RecordKind};
+use bench::dronecan::CircuitStatus;
+use half::f16;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
 
@@ -466,6 +468,25 @@ fn the_circuit_is_shown_after_the_first_circuit_status() {
     }
     send(&mut state, [0xFF, 0x7F], 0);
     shows(&drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN), &["circuit 12.60 V  - A "]);
+}
+
+#[test]
+fn the_battery_is_shown_with_its_charge_and_without_the_circuit_with_voltage_and_current() {
+    let mut state = at_work();
+    let mut battery = battery_info(40.0, 80);
+    battery.flags = 0x21;
+    state.battery = Some(battery);
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
+        let picture = drawn(&state, &Screen::default(), columns, rows);
+        shows(&picture, &["battery 3 12.60 V 3.20 A 80 % 40.0 Wh"]);
+    }
+    shows(&drawn(&state, &Screen::default(), 140, 45), &["40.0 Wh OVERLOAD", "flash 9,876"]);
+    let (voltage, current) = (f16::from_f32(12.6), f16::from_f32(3.2));
+    state.circuit = Some(CircuitStatus { circuit: 1, voltage, current, errors: 0 });
+    shows(
+        &drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN),
+        &["circuit 12.60 V  3.20 A", "battery 3 80 % 40.0 Wh OVERLOAD", "flash 9,876"],
+    );
 }
 
 #[test]

@@ -8,6 +8,7 @@
 //! two views read it. Only [`run`] reads the wall clock. [`pace`] compares it with simulated time.
 
 pub mod args;
+mod discharge;
 pub mod findings;
 pub mod history;
 pub mod keys;

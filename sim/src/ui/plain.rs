@@ -34,10 +34,11 @@ pub struct Plain<W> {
     counts: BTreeMap<(String, String), u32>,
     error_lines: u32,
     lost_lines: u32,
-    /// Pulse width, widths of the further outputs, and circuit, as they were printed last.
+    /// Pulse width, widths of the further outputs, circuit and battery, as they were printed last.
     last_pulse: Option<Option<Cycles>>,
     last_outputs: Vec<Option<Cycles>>,
     last_circuit: String,
+    last_battery: String,
 }
 
 impl<W: Write> Plain<W> {
@@ -54,6 +55,7 @@ impl<W: Write> Plain<W> {
             last_pulse: None,
             last_outputs: Vec::new(),
             last_circuit: String::new(),
+            last_battery: String::new(),
         }
     }
 
@@ -72,6 +74,7 @@ impl<W: Write> Plain<W> {
             self.print_servo(state)?;
             self.print_outputs(state)?;
             self.print_circuit(state)?;
+            self.print_battery(state)?;
             self.next_servo_at = state.now + SERVO_PERIOD;
         }
         if state.now >= self.next_traffic_at {
@@ -168,6 +171,15 @@ impl<W: Write> Plain<W> {
             return Ok(());
         }
         self.last_circuit = text.clone();
+        self.line(state.now, "power", &text)
+    }
+
+    fn print_battery(&mut self, state: &State) -> io::Result<()> {
+        let text = state.battery.as_ref().map_or(String::new(), |battery| battery.to_string());
+        if text == self.last_battery {
+            return Ok(());
+        }
+        self.last_battery = text.clone();
         self.line(state.now, "power", &text)
     }
 
@@ -294,6 +306,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
 #[cfg(test)]
 mod tests {
     use super::super::state::Memory;
+    use super::super::state::battery_info;
     use super::super::traffic::Origin;
     use super::*;
     use bench::avr::Chip;
@@ -416,6 +429,25 @@ mod tests {
             "1.520000 outputs 2 to 4: 1500.5 - 1500.0 us",
             "2.120000 outputs no pulse but the servo's",
         ];
+        assert_eq!(lines, expected);
+    }
+
+    #[test]
+    fn the_battery_is_printed_when_it_changes() {
+        let mut state = State::new(1_000_000);
+        let mut out = Vec::new();
+        let mut plain = Plain::new(&mut out, false);
+        for (second, charge) in [(1, 80), (2, 80), (3, 79)] {
+            state.battery = Some(battery_info(40.0, charge));
+            state.advance_to(second * F_CPU_HZ);
+            plain.step(&mut state).unwrap();
+        }
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<&str> =
+            text.lines().filter(|line| line.contains("battery")).map(str::trim).collect();
+        let expected = [(1, 80), (3, 79)].map(|(second, charge)| {
+            format!("{second}.000000 power   battery 3 12.60 V 3.20 A {charge} % 40.0 Wh")
+        });
         assert_eq!(lines, expected);
     }
 

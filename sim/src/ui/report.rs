@@ -9,6 +9,7 @@
 
 use super::state::State;
 use crate::time::{micros, seconds};
+use bench::dronecan::battery::PERCENT_UNKNOWN;
 use serde::Serialize;
 use std::process::ExitCode;
 
@@ -138,6 +139,8 @@ pub struct Report {
     outputs: Vec<Output>,
     /// Last CircuitStatus of the node.
     circuit: Option<Circuit>,
+    /// Last BatteryInfo of the node.
+    battery: Option<Battery>,
     spi: Spi,
     budget: Budget,
 }
@@ -207,6 +210,15 @@ struct Circuit {
     voltage_v: Option<f32>,
     current_a: Option<f32>,
     error_flags: u8,
+}
+
+#[derive(Debug, Serialize)]
+struct Battery {
+    battery_id: u8,
+    /// `null` if the node does not know the value; the energy, too.
+    charge_percent: Option<u8>,
+    remaining_wh: Option<f32>,
+    status_flags: u16,
 }
 
 #[derive(Debug, Serialize)]
@@ -290,6 +302,12 @@ impl Report {
                 current_a: Some(circuit.current.to_f32()).filter(|amperes| !amperes.is_nan()),
                 error_flags: circuit.errors,
             }),
+            battery: state.battery.as_ref().map(|battery| Battery {
+                battery_id: battery.battery,
+                charge_percent: Some(battery.charge).filter(|&charge| charge != PERCENT_UNKNOWN),
+                remaining_wh: Some(battery.remaining_wh.to_f32()).filter(|energy| !energy.is_nan()),
+                status_flags: battery.flags,
+            }),
             spi: Spi {
                 selects: state.spi.selects,
                 bytes: state.spi.bytes,
@@ -323,6 +341,7 @@ impl Mistake {
 
 #[cfg(test)]
 mod tests {
+    use super::super::state::battery_info;
     use super::*;
     use bench::F_CPU_HZ;
     use bench::can::Frame;
@@ -394,6 +413,24 @@ mod tests {
             "circuit_id": 120, "voltage_v": 12.5, "current_a": null, "error_flags": 1
         });
         assert_eq!((&report["outputs"], &report["circuit"]), (&outputs, &circuit));
+    }
+
+    #[test]
+    fn the_report_has_the_battery_and_null_for_what_is_not_known() {
+        let mut state = State::new(1_000_000);
+        assert_eq!(json(&state)["battery"], serde_json::Value::Null);
+        let mut battery = battery_info(40.0, 80);
+        battery.flags = 33;
+        state.battery = Some(battery);
+        let known = serde_json::json!({
+            "battery_id": 3, "charge_percent": 80, "remaining_wh": 40.0, "status_flags": 33
+        });
+        assert_eq!(json(&state)["battery"], known);
+        state.battery = Some(battery_info(f32::NAN, PERCENT_UNKNOWN));
+        let unknown = serde_json::json!({
+            "battery_id": 3, "charge_percent": null, "remaining_wh": null, "status_flags": 1
+        });
+        assert_eq!(json(&state)["battery"], unknown);
     }
 
     #[test]

@@ -9,6 +9,7 @@
 //! stations. The scene serves the links at least each simulated millisecond.
 
 use super::args::Args;
+use super::discharge::Discharge;
 use super::findings::Findings;
 use super::pace::Speed;
 use super::state::{AutopilotState, Controller, Event, State};
@@ -81,6 +82,7 @@ pub struct Scene {
     /// True once a fault has disturbed the chip or its SPI: wrong commands from then on are not
     /// the driver's mistakes.
     is_chip_disturbed: bool,
+    discharge: Option<Discharge>,
 }
 
 impl Scene {
@@ -216,6 +218,10 @@ impl Scene {
             stack_is_painted: false,
             next_stack_at: STACK_PERIOD,
             is_chip_disturbed: false,
+            discharge: args.pwr_discharge.map(|minutes| {
+                let [full_mv, _] = circuit_inputs_mv;
+                Discharge::new(full_mv, minutes)
+            }),
         };
         scene.set_temperature(args.temperature);
         scene.set_circuit_inputs(circuit_inputs_mv);
@@ -275,6 +281,7 @@ impl Scene {
                 next = next.min(self.now() + SERVE_PERIOD);
             }
             self.run(next)?;
+            self.discharge();
             while let Some(injection) = self.injections.pop_front_if(|i| i.at <= self.state.now) {
                 self.inject(injection.fault);
             }
@@ -431,6 +438,16 @@ impl Scene {
     fn set_temperature(&mut self, celsius: f64) {
         self.state.sensor_c = celsius;
         self.bench.board(self.node).set_temperature_c(celsius);
+    }
+
+    /// Lowers the voltage of the circuit with `--pwr-discharge`.
+    fn discharge(&mut self) {
+        let Some(discharge) = self.discharge else { return };
+        let [before, current] = self.state.circuit_inputs_mv;
+        let voltage = discharge.millivolts(self.now());
+        if voltage != before {
+            self.set_circuit_inputs([voltage, current]);
+        }
     }
 
     fn set_circuit_inputs(&mut self, millivolts: [u32; 2]) {
@@ -974,6 +991,18 @@ mod tests {
             inputs.push(scene.state().circuit_inputs_mv);
         }
         assert_eq!(inputs, [[1260, 330], [2520, 330], [2520, 0]]);
+    }
+
+    #[test]
+    fn a_battery_that_is_discharged_lowers_the_voltage_and_not_the_current() {
+        let options = "--pwr-voltage 1000 --pwr-current 330 --pwr-discharge 0.01";
+        let mut scene = scene(&IDLE, options);
+        let mut inputs = Vec::new();
+        for ms in [300, 600, 700] {
+            scene.advance(ms * F_CPU_HZ / 1000).unwrap();
+            inputs.push(scene.state().circuit_inputs_mv);
+        }
+        assert_eq!(inputs, [[896, 330], [714, 330], [714, 330]]);
     }
 
     #[test]

@@ -12,8 +12,8 @@ use bench::board::SpiUse;
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
-    CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation,
-    Observer, Temperature, draft, text::visible,
+    BatteryInfo, CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus,
+    Observation, Observer, Temperature, draft, text::visible,
 };
 use bench::vendor_code;
 use bench::wiring::Wiring;
@@ -204,6 +204,8 @@ pub struct State {
     pub circuit_inputs_mv: [u32; 2],
     /// Last CircuitStatus of the node.
     pub circuit: Option<CircuitStatus>,
+    /// Last BatteryInfo of the node.
+    pub battery: Option<BatteryInfo>,
     /// Last temperature that the node sent in the thesis's message, in degrees Celsius.
     pub thesis_temperature_c: Option<u8>,
     /// Last measurement that the node sent in the draft: degrees Celsius, or the presses of its
@@ -528,7 +530,7 @@ impl State {
         if dialect != self.dialect {
             (self.temperature, self.thesis_temperature_c, self.draft_measurement) =
                 (None, None, None);
-            self.circuit = None;
+            (self.circuit, self.battery) = (None, None);
         }
         self.dialect = dialect;
         self.status = Some((at, node, status));
@@ -540,6 +542,9 @@ impl State {
                 self.temperature = Some(*temperature)
             }
             Decoded::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
+            Decoded::V0(_, Message::BatteryInfo(battery)) => {
+                self.battery = Some(battery.as_ref().clone())
+            }
             Decoded::V0(_, Message::ThesisTemperature(degrees)) => {
                 self.thesis_temperature_c = Some(*degrees)
             }
@@ -592,6 +597,28 @@ pub fn error_state_name(state: &ErrorState) -> &'static str {
         ErrorState::Active => "error active",
         ErrorState::Passive => "error passive",
         ErrorState::BusOff => "bus-off",
+    }
+}
+
+/// Battery 3 at 12.6 V and 3.2 A, with this energy and charge left.
+#[cfg(test)]
+pub fn battery_info(remaining_wh: f32, charge: u8) -> BatteryInfo {
+    use half::f16;
+    BatteryInfo {
+        temperature: f16::NAN,
+        voltage: f16::from_f32(12.6),
+        current: f16::from_f32(3.2),
+        average_power: f16::NAN,
+        remaining_wh: f16::from_f32(remaining_wh),
+        full_wh: f16::NAN,
+        hours_to_full: f16::ZERO,
+        flags: 1,
+        health: 127,
+        charge,
+        charge_deviation: 127,
+        battery: 3,
+        model_instance: 0,
+        model: Vec::new(),
     }
 }
 
@@ -687,6 +714,25 @@ mod tests {
         assert_eq!(
             state.traffic.last().unwrap().text,
             "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT"
+        );
+    }
+
+    #[test]
+    fn the_battery_of_the_node_is_kept() {
+        let mut state = State::new(1_000_000);
+        let frames: [(u32, &[u8]); 4] = [
+            (16_000, &[0x77, 0x12, 0xA9, 0x5C, 0x40, 0x4A, 0x00, 0x83]),
+            (32_000, &[0x49, 0xFF, 0x7F, 0x80, 0x4B, 0x10, 0x4C, 0x23]),
+            (48_000, &[0x00, 0x00, 0x21, 0x1F, 0xEE, 0x7F, 0x07, 0x03]),
+            (64_000, &[0x00, 0x00, 0x00, 0x00, 0x63]),
+        ];
+        for (at, data) in frames {
+            state.add_record(&record(at.into(), 0x1804_4478, data), true, Some("node"));
+        }
+        assert_eq!(state.battery.unwrap().charge, 92);
+        assert_eq!(
+            state.traffic.last().unwrap().text,
+            "power.BatteryInfo battery 7 12.50 V 10.00 A 92 % 15.0 Wh 25.1 C OVERLOAD"
         );
     }
 

@@ -143,6 +143,8 @@ fn what_the_node_sends_has_the_ids_of_the_dsdl() {
         (Publication::FailsafeOutputs, 16370),
         #[cfg(feature = "power")]
         (Publication::CircuitStatus, 1091),
+        #[cfg(feature = "battery")]
+        (Publication::BatteryInfo, 1092),
         #[cfg(feature = "allocation")]
         (Publication::Allocation, 1),
     ];

@@ -44,6 +44,11 @@ impl Power {
     }
 
     /// 0.
+    pub fn centiamperes(&self) -> i16 {
+        0
+    }
+
+    /// 0.
     pub fn flags(&self) -> u8 {
         0
     }

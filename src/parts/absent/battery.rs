@@ -1,0 +1,22 @@
+//! No battery is watched.
+
+use crate::node::parameters::Parameters;
+use crate::node::temperature::Temperature;
+use crate::parts::power::Power;
+
+/// Nothing.
+#[derive(Default)]
+pub struct Battery;
+
+impl Battery {
+    /// Nothing.
+    pub const fn new() -> Self {
+        Self
+    }
+
+    /// Does nothing.
+    pub fn add(&mut self, _centiamperes: i16, _now_ms: u16) {}
+
+    /// Does nothing.
+    pub fn put(&self, _: &Power, _: &Temperature, _: &Parameters, _put: impl FnMut(u16)) {}
+}
