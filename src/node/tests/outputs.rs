@@ -521,10 +521,8 @@ fn a_raw_command_that_is_too_short_or_for_others_is_no_command() {
 
 #[test]
 fn with_motors_the_filters_let_raw_commands_through() {
-    let rig = |values: &[(Parameter, i32)]| {
-        let rig = Rig::with(&[&[(Parameter::OutCount, 8)], values].concat());
-        rig
-    };
+    let rig =
+        |values: &[(Parameter, i32)]| Rig::with(&[&[(Parameter::OutCount, 8)], values].concat());
     let mut rig = rig(&[]);
     rig.run(5000);
     assert_eq!(rig.program.node.acceptance(InMemory).row, crate::node::acceptance::Row::WITH_ID);
