@@ -234,7 +234,7 @@ impl Node {
     /// The accepted request for an update, if there is one, for the bootloader. Takes up to 30 ms.
     /// The program must end then.
     #[inline(always)]
-    pub fn hand_over(&self, eeprom: &mut impl Eeprom) -> Option<&[u8; REQUEST_LEN]> {
+    pub fn hand_over(&mut self, eeprom: &mut impl Eeprom) -> Option<&[u8; REQUEST_LEN]> {
         self.update.hand_over(self.id, &self.parameters, eeprom)
     }
 
@@ -342,6 +342,9 @@ impl Node {
         monitor: &mut Monitor,
     ) {
         self.store.step(&mut self.parameters, eeprom);
+        if self.id != 0 && !self.store.is_saving() {
+            self.update.step(self.id, &self.parameters, eeprom);
+        }
         self.publisher.tick(passed_ms, now_ms, self.autopilot.is_present(), &self.parameters);
         if self.id == 0 && self.allocation.is_due(now_ms) {
             self.publisher.publish(Publication::Allocation);

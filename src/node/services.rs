@@ -359,6 +359,7 @@ impl Node {
             is_done = self.store.is_saved();
             if is_done {
                 self.health.clear(Conditions::PARAMETERS_LOST);
+                self.update.parameters_are_saved();
             }
             self.services.is_saving = false;
             context.monitor.log_line(if is_done { Line::Saved } else { Line::NotSaved });

@@ -7,7 +7,7 @@
 
 use dronecan_wire::crc;
 
-use crate::handover::{BUS, CRC_START, PATH_LEN, REQUEST_LEN};
+use crate::handover::{BUS, BUS_LEN, CRC_START, PATH_LEN, REQUEST_LEN};
 use crate::node::parameters::{Parameter, Parameters};
 use crate::node::store::{Address, Eeprom};
 use crate::node::wire::Transfer;
@@ -63,6 +63,8 @@ impl Verdict {
 pub struct Update {
     /// True if the bootloader takes updates over the bus.
     has_loader: bool,
+    /// True if the record of the bus in EEPROM may not be that of the parameters.
+    is_record_due: bool,
     /// The accepted request, as the bootloader takes it. Its CRC is wrong if there is none.
     request: [u8; REQUEST_LEN],
 }
@@ -70,12 +72,43 @@ pub struct Update {
 impl Update {
     /// No request.
     pub const fn new() -> Self {
-        Self { has_loader: false, request: [0; REQUEST_LEN] }
+        Self { has_loader: false, is_record_due: false, request: [0; REQUEST_LEN] }
     }
 
     /// Notes if the bootloader takes updates over the bus.
     pub fn start(&mut self, has_loader: bool) {
         self.has_loader = has_loader;
+        self.is_record_due = has_loader;
+    }
+
+    /// Notes that the parameters were saved.
+    #[inline(always)]
+    pub fn parameters_are_saved(&mut self) {
+        self.is_record_due = self.has_loader;
+    }
+
+    /// Writes the next byte of the record of the bus for the bootloader, which needs it also after
+    /// a program that hangs: the node ID, and the bit rate of the parameters. Call while no save is
+    /// in progress.
+    #[inline(never)]
+    pub fn step(&mut self, node: u8, parameters: &Parameters, eeprom: &mut impl Eeprom) {
+        if !self.is_record_due || eeprom.is_busy() {
+            return;
+        }
+        let timing = bit_rate::timing(parameters.get(Parameter::CanBaudrate) as u8);
+        let mut record = [node, timing.cnf3(), timing.cnf2(), timing.cnf1(), 0, 0];
+        let mut crc = CRC_START;
+        for byte in record.iter().take(4) {
+            crc = crc::add(crc, *byte);
+        }
+        [record[4], record[5]] = crc.to_be_bytes();
+        for (at, byte) in (BUS as Address..).zip(record) {
+            if eeprom.read(at) != byte {
+                eeprom.begin_write(at, byte);
+                return;
+            }
+        }
+        self.is_record_due = false;
     }
 
     /// Decides on a request, and keeps it if it is accepted. `is_in_use`: see
@@ -120,10 +153,10 @@ impl Update {
         self.request[PATH_LEN + 1] = 0;
     }
 
-    /// Returns the accepted request, if there is one, and leaves node ID and bit rate in EEPROM for
-    /// the bootloader. Takes up to 30 ms. The program must end then.
+    /// Returns the accepted request, if there is one, after the record of the bus is written. Takes
+    /// up to 30 ms. The program must end then.
     pub fn hand_over(
-        &self,
+        &mut self,
         node: u8,
         parameters: &Parameters,
         eeprom: &mut impl Eeprom,
@@ -131,20 +164,11 @@ impl Update {
         if !self.is_accepted() {
             return None;
         }
-        let timing = bit_rate::timing(parameters.get(Parameter::CanBaudrate) as u8);
-        let mut record = [node, timing.cnf3(), timing.cnf2(), timing.cnf1(), 0, 0];
-        let mut crc = CRC_START;
-        for byte in record.iter().take(4) {
-            crc = crc::add(crc, *byte);
-        }
-        [record[4], record[5]] = crc.to_be_bytes();
-        for (at, byte) in (BUS as Address..).zip(record) {
+        self.is_record_due = true;
+        for _ in 0..=BUS_LEN {
             wait(eeprom);
-            if eeprom.read(at) != byte {
-                eeprom.begin_write(at, byte);
-            }
+            self.step(node, parameters, eeprom);
         }
-        wait(eeprom);
         Some(&self.request)
     }
 }

@@ -756,6 +756,34 @@ fn an_accepted_update_is_handed_over_with_server_path_node_id_and_bit_rate() {
     assert!(rig.program.node.hand_over(&mut eeprom).is_some());
 }
 
+/// A loader that starts after a program that hangs reads it.
+#[cfg(feature = "update")]
+#[test]
+fn the_record_of_the_bus_follows_the_parameters_at_the_start_and_at_each_save() {
+    use crate::handover::{BUS, BUS_LEN};
+    let record = |rig: &Rig| rig.memory.cells[usize::from(BUS)..][..usize::from(BUS_LEN)].to_vec();
+    let expected = |rate: u8| {
+        let timing = bit_rate::timing(rate);
+        let bytes = [120, timing.cnf3(), timing.cnf2(), timing.cnf1()];
+        let crc = bytes.iter().fold(0xFFFF, |crc, &byte| dronecan_wire::crc::add(crc, byte));
+        [bytes.as_slice(), &crc.to_be_bytes()].concat()
+    };
+    let mut rig = Rig::new();
+    rig.program.node.update.start(true);
+    rig.run(100);
+    assert_eq!(record(&rig), expected(bit_rate::HIGHEST_RATE as u8));
+    rig.get_set(&set(1, 250_000, ""));
+    rig.run(500);
+    assert_eq!(record(&rig), expected(bit_rate::HIGHEST_RATE as u8), "it is not saved");
+    rig.ask("1E0AF8FF 00 00 00 00 00 00 00 C4");
+    rig.run(500);
+    assert_eq!(record(&rig), expected(1));
+    // Without a loader of this project the EEPROM is left alone.
+    let mut rig = Rig::new();
+    rig.run(100);
+    assert_eq!(record(&rig), [0xFF; 6]);
+}
+
 #[cfg(feature = "update")]
 #[test]
 fn a_server_of_its_own_is_handed_over() {

@@ -48,6 +48,12 @@ impl Update {
     /// Does nothing.
     pub fn start(&mut self, _has_loader: bool) {}
 
+    /// Does nothing.
+    pub fn parameters_are_saved(&mut self) {}
+
+    /// Does nothing.
+    pub fn step(&mut self, _node: u8, _: &Parameters, _: &mut impl Eeprom) {}
+
     /// Rejects the request.
     pub fn act_on_request(&mut self, _request: &Transfer, _is_in_use: bool) -> Verdict {
         Verdict::NoLoader
@@ -63,7 +69,7 @@ impl Update {
 
     /// `None`.
     pub fn hand_over(
-        &self,
+        &mut self,
         _node: u8,
         _: &Parameters,
         _: &mut impl Eeprom,
