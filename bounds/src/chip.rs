@@ -5,7 +5,10 @@
 
 use std::str::FromStr;
 
-use anyhow::{Error, bail};
+use anyhow::{Context, Error, Result, bail};
+use object::LittleEndian;
+use object::elf::FileHeader32;
+use object::read::elf::{FileHeader, SectionHeader};
 
 /// A chip that the analysis knows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -17,15 +20,27 @@ pub enum Chip {
 }
 
 impl Chip {
-    /// All chips.
-    pub const ALL: [Self; 2] = [Self::Atmega168, Self::Atmega328p];
-
     /// The name, as the compilers have it.
     pub fn name(self) -> &'static str {
         match self {
             Self::Atmega168 => "atmega168",
             Self::Atmega328p => "atmega328p",
         }
+    }
+
+    /// The chip that an ELF names; `None` if it names none.
+    ///
+    /// # Errors
+    /// If the ELF cannot be read, or is for another chip.
+    pub fn of_elf(elf: &[u8]) -> Result<Option<Self>> {
+        let header = FileHeader32::<LittleEndian>::parse(elf).context("not an ELF of 32 bits")?;
+        let endian = header.endian().context("not little-endian")?;
+        let sections = header.sections(endian, elf).context("no sections")?;
+        let Some((_, section)) = sections.section_by_name(endian, DEVICE_NOTE) else {
+            return Ok(None);
+        };
+        let note = section.data(endian, elf).context("a section outside the file")?;
+        device(note).map(|name| name.parse()).transpose()
     }
 
     /// Bytes of flash.
@@ -49,12 +64,28 @@ impl FromStr for Chip {
     type Err = Error;
 
     fn from_str(name: &str) -> Result<Self, Error> {
-        let known = Self::ALL.into_iter().find(|chip| chip.name() == name.to_lowercase());
-        match known {
-            Some(chip) => Ok(chip),
-            None => bail!("{name}: use atmega168 or atmega328p"),
+        match name.to_lowercase().as_str() {
+            "atmega168" | "atmega168a" | "atmega168p" | "atmega168pa" => Ok(Self::Atmega168),
+            "atmega328" | "atmega328p" => Ok(Self::Atmega328p),
+            _ => bail!("{name}: the analysis knows atmega168 and atmega328p only"),
         }
     }
+}
+
+const DEVICE_NOTE: &[u8] = b".note.gnu.avr.deviceinfo";
+
+/// The name of the device in the note, which has the name "AVR", the addresses and sizes of three
+/// memories, a table of offsets, and texts. The first offset is that of the device's name
+/// (binutils, include/elf/avr.h).
+fn device(note: &[u8]) -> Option<&str> {
+    const TABLE_BYTES_AT: usize = 40;
+    const TABLE_AT: usize = 44;
+    let word =
+        |at: usize| Some(u32::from_le_bytes(note.get(at..at + 4)?.try_into().ok()?) as usize);
+    let texts = TABLE_BYTES_AT.checked_add(word(TABLE_BYTES_AT)?)?;
+    let text = note.get(texts.checked_add(word(TABLE_AT)?)?..)?;
+    let name = text.split(|byte| *byte == 0).next()?;
+    std::str::from_utf8(name).ok().filter(|name| !name.is_empty())
 }
 
 /// First address of RAM behind the registers, in the data space.

@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use serde::Serialize;
 
 use crate::chip::INTERRUPTS;
+use crate::enables::Enables;
 use crate::state::{Interrupts, State};
 
 /// What can be blocked: the number of a [`Watch`].
@@ -25,9 +26,17 @@ impl Watch {
         let is_disabled = state.interrupts != Interrupts::Enabled;
         match self {
             Self::All => is_disabled,
+            Self::One(_) => is_disabled || !self.is_enabled(&state.enables),
+        }
+    }
+
+    /// True if its own enable bit is known to be 1.
+    pub fn is_enabled(self, enables: &Enables) -> bool {
+        match self {
+            Self::All => true,
             Self::One(interrupt) => {
                 let (register, bit) = INTERRUPTS[interrupt].enable;
-                is_disabled || state.enables.get(register, bit) != Some(true)
+                enables.get(register, bit) == Some(true)
             }
         }
     }

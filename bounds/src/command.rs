@@ -11,9 +11,7 @@ use clap::Parser;
 
 use crate::annotations::Annotations;
 use crate::chip::Chip;
-use crate::program::Program;
-use crate::stack::Analysis;
-use crate::{report, times, whole};
+use crate::report::Report;
 
 /// Proves from the machine code of an AVR program how much stack and how many cycles it needs.
 #[derive(Debug, Clone, Parser)]
@@ -29,17 +27,17 @@ pub struct Args {
 pub struct Options {
     /// The program: an ELF with symbols.
     pub elf: PathBuf,
-    /// The chip: atmega168 or atmega328p.
-    #[arg(long, default_value = "atmega328p")]
-    pub chip: Chip,
+    /// The chip, atmega168 or atmega328p. Necessary if the program does not name it.
+    #[arg(long)]
+    pub chip: Option<Chip>,
     /// A file with what the analysis cannot find.
-    #[arg(long)]
+    #[arg(long, value_name = "TOML")]
     pub annotations: Option<PathBuf>,
-    /// Finds the times, too.
+    /// Finds no times.
     #[arg(long)]
-    pub cycles: bool,
-    /// Lists the loops with their bounds, too.
-    #[arg(long, requires = "cycles")]
+    pub stack_only: bool,
+    /// Lists all stretches, and the loops with their bounds.
+    #[arg(long, conflicts_with = "stack_only")]
     pub loops: bool,
     /// Prints JSON.
     #[arg(long)]
@@ -49,48 +47,52 @@ pub struct Options {
     pub ram_limit: Option<u32>,
 }
 
-/// Runs the command. Returns the exit code: 1 if a limit is exceeded.
-///
-/// # Errors
-/// If a file cannot be read, the program cannot be followed, or a handler or a stretch has no
-/// bound.
-pub fn run(args: &Args, out: &mut impl Write) -> Result<ExitCode> {
-    let options = &args.options;
-    let path = options.elf.display();
-    let elf = fs::read(&options.elf).with_context(|| format!("cannot read {path}"))?;
-    let mut annotations = match &options.annotations {
-        Some(path) => {
-            let shown = path.display();
-            let text = fs::read_to_string(path).with_context(|| format!("cannot read {shown}"))?;
-            Annotations::parse(&text).with_context(|| shown.to_string())?
+impl Options {
+    /// Runs the command. Returns the exit code: 1 if a limit is exceeded.
+    ///
+    /// # Errors
+    /// If a file cannot be read, the program cannot be followed, or a handler or a stretch has no
+    /// bound.
+    pub fn run(&self, out: &mut impl Write) -> Result<ExitCode> {
+        let path = self.elf.display();
+        let elf = fs::read(&self.elf).with_context(|| format!("cannot read {path}"))?;
+        let annotations = match &self.annotations {
+            Some(path) => {
+                let shown = path.display();
+                let text =
+                    fs::read_to_string(path).with_context(|| format!("cannot read {shown}"))?;
+                Annotations::parse(&text).with_context(|| shown.to_string())?
+            }
+            None => Annotations::default(),
+        };
+        let report = self.report(&elf, annotations).with_context(|| path.to_string())?;
+        if self.json {
+            writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
+        } else if self.loops {
+            write!(out, "{report:#}")?;
+        } else {
+            write!(out, "{report}")?;
         }
-        None => Annotations::default(),
-    };
-    let program = Program::from_elf(&elf, options.chip).with_context(|| path.to_string())?;
-    annotations.keep_those_of(&program);
-    let mut analysis = Analysis::new(&program, &annotations);
-    let stack = whole::stack(&mut analysis).with_context(|| path.to_string())?;
-    let times = match options.cycles {
-        true => Some(times::times(&mut analysis).with_context(|| path.to_string())?),
-        false => None,
-    };
-    let report = report::Report::new(&program, stack, times);
-    if options.json {
-        writeln!(out, "{}", serde_json::to_string_pretty(&report)?)?;
-    } else if options.loops {
-        write!(out, "{report:#}")?;
-    } else {
-        write!(out, "{report}")?;
+        if let Some(times) = &report.times
+            && !times.is_bounded()
+        {
+            bail!("{path}: a handler or a stretch has no bound: {}", times.missing.join("; "));
+        }
+        let is_exceeded =
+            self.ram_limit.zip(report.ram_bytes).is_some_and(|(most, used)| used > most);
+        if is_exceeded {
+            eprintln!("bounds: {path}: variables and stack exceed {:?} bytes", self.ram_limit);
+        }
+        Ok(if is_exceeded { ExitCode::FAILURE } else { ExitCode::SUCCESS })
     }
-    if let Some(times) = &report.times
-        && !times.is_bounded()
-    {
-        bail!("{path}: a handler or a stretch has no bound: {}", times.missing.join("; "));
+
+    fn report(&self, elf: &[u8], annotations: Annotations) -> Result<Report> {
+        let chip = match (self.chip, Chip::of_elf(elf)?) {
+            (Some(chip), None) | (None, Some(chip)) => chip,
+            (Some(chip), Some(named)) if chip == named => chip,
+            (Some(_), Some(named)) => bail!("the program is for an {}", named.name()),
+            (None, None) => bail!("the program does not name its chip: use --chip"),
+        };
+        Report::of(elf, chip, annotations, !self.stack_only)
     }
-    let is_exceeded =
-        options.ram_limit.zip(report.ram_bytes).is_some_and(|(most, used)| used > most);
-    if is_exceeded {
-        eprintln!("bounds: {path}: variables and stack exceed {:?} bytes", options.ram_limit);
-    }
-    Ok(if is_exceeded { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }

@@ -4,13 +4,13 @@ use std::process::ExitCode;
 
 use clap::Parser;
 
-use bounds::command::{Args, run};
+use bounds::command::Args;
 
 /// Exit code for a program that cannot be followed, and for a file that cannot be read.
 const REFUSED: u8 = 2;
 
 fn main() -> ExitCode {
-    run(&Args::parse(), &mut std::io::stdout().lock()).unwrap_or_else(|error| {
+    Args::parse().options.run(&mut std::io::stdout().lock()).unwrap_or_else(|error| {
         eprintln!("bounds: {error:#}");
         ExitCode::from(REFUSED)
     })

@@ -7,6 +7,7 @@ use std::rc::Rc;
 use anyhow::Result;
 
 use crate::clock::Clocks;
+use crate::enables::Enables;
 use crate::order::{Loop, Part};
 use crate::state::{State, entry_half};
 use crate::summary::Summary;
@@ -51,6 +52,8 @@ pub struct Turn {
     pub head: u32,
     /// Cycles of a round; `u32::MAX` if it has no bound.
     pub cycles: u32,
+    /// What is known of the bits that enable interrupts, whenever a round begins.
+    pub enables: Enables,
 }
 
 impl Turn {

@@ -2,12 +2,15 @@
 
 use std::fmt;
 
+use anyhow::Result;
 use serde::Serialize;
 
-use crate::chip::RAM_START;
+use crate::annotations::Annotations;
+use crate::chip::{Chip, RAM_START};
 use crate::program::Program;
-use crate::times::{HandlerTime, LoopBound, StretchTime, Times, TurnTime};
-use crate::whole::{Frame, Stack};
+use crate::stack::Analysis;
+use crate::times::{HandlerTime, LoopBound, StretchTime, Times, TurnTime, times};
+use crate::whole::{self, Frame, Stack};
 
 /// All that was found.
 #[derive(Debug, Serialize)]
@@ -25,8 +28,25 @@ pub struct Report {
 }
 
 impl Report {
-    /// A report of a program.
-    pub fn new(program: &Program, stack: Stack, times: Option<Times>) -> Self {
+    /// Analyses a program.
+    ///
+    /// # Errors
+    /// If it cannot be followed.
+    pub fn of(
+        elf: &[u8],
+        chip: Chip,
+        mut annotations: Annotations,
+        with_times: bool,
+    ) -> Result<Self> {
+        let program = Program::from_elf(elf, chip)?;
+        annotations.keep_those_of(&program);
+        let mut analysis = Analysis::new(&program, &annotations);
+        let stack = whole::stack(&mut analysis)?;
+        let times = with_times.then(|| times(&mut analysis)).transpose()?;
+        Ok(Self::new(&program, stack, times))
+    }
+
+    fn new(program: &Program, stack: Stack, times: Option<Times>) -> Self {
         // Variables above the stack do not count: then the linker's symbols say nothing about it.
         let end = stack.variables_end.filter(|end| *end <= stack.base);
         let variables = end.map(|end| u32::from(end.saturating_sub(RAM_START)));
@@ -63,10 +83,18 @@ impl fmt::Display for Times {
         for HandlerTime { interrupt, cycles } in &self.handlers {
             writeln!(f, "handler of {interrupt}: {cycles}")?;
         }
-        for StretchTime { blocks, cycles, begins, ends } in &self.stretches {
-            writeln!(f, "{blocks} blocked for {cycles}, {begins} to {ends}")?;
+        for (n, StretchTime { blocks, cycles, begins, ends, .. }) in
+            self.stretches.iter().enumerate()
+        {
+            let of_same = self.stretches[..n].iter().filter(|other| other.blocks == *blocks);
+            if of_same.count() < LISTED || f.alternate() {
+                writeln!(f, "{blocks} blocked for {cycles}, {begins} to {ends}")?;
+            }
         }
-        if let Some(TurnTime { place, cycles }) = &self.turn {
+        for name in &self.partly_enabled {
+            writeln!(f, "{name} is enabled on some paths only")?;
+        }
+        if let Some(TurnTime { place, cycles, .. }) = &self.turn {
             writeln!(f, "turn of the main loop at {place}: {cycles}")?;
         }
         if f.alternate() {
@@ -83,6 +111,9 @@ impl fmt::Display for Times {
         Ok(())
     }
 }
+
+/// Stretches that are printed for each interrupt; `--loops` prints all.
+const LISTED: usize = 4;
 
 /// Frames as a sum.
 struct Sum<'a>(&'a [Frame]);

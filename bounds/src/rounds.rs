@@ -160,7 +160,8 @@ impl Timing<'_, '_> {
             run.pending.insert(inner.head, (state.clone(), clocks.clone()));
             self.round(run, inner)?;
             let Some((_, after)) = run.pending.remove(&inner.head) else { return Ok(()) };
-            run.note_turn(Turn { nodes: inner.nodes.len(), head: inner.head, cycles: after.total });
+            let (nodes, cycles, enables) = (inner.nodes.len(), after.total, state.enables);
+            run.note_turn(Turn { nodes, head: inner.head, cycles, enables });
             let mut joined = clocks.clone();
             joined.join(&Clocks { total: 0, ..after });
             if joined == clocks {

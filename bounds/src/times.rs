@@ -61,6 +61,10 @@ pub struct StretchTime {
     pub begins: String,
     /// Where it ends.
     pub ends: String,
+    /// Address of the instruction that begins it: of a handler the first one.
+    pub from: u32,
+    /// Address of the instruction that ends it.
+    pub to: u32,
 }
 
 /// The main loop: the largest loop of the functions that do not return.
@@ -68,6 +72,8 @@ pub struct StretchTime {
 pub struct TurnTime {
     /// Its first instruction.
     pub place: String,
+    /// Address of that.
+    pub head: u32,
     /// Cycles of its longest round, without those of handlers. A program that sleeps has no bound.
     pub cycles: Cycles,
 }
@@ -96,6 +102,9 @@ pub struct Times {
     pub turn: Option<TurnTime>,
     /// The loops with a bound, the longest first.
     pub loops: Vec<LoopBound>,
+    /// Interrupts that mask themselves while their handlers run, and that the main program enables
+    /// on some paths only. Of the main program's stretches those of all interrupts count for them.
+    pub partly_enabled: Vec<&'static str>,
     /// Loops without a bound.
     pub missing: Vec<String>,
 }
@@ -108,9 +117,6 @@ impl Times {
         stretches.chain(handlers).all(Cycles::is_bounded)
     }
 }
-
-/// Stretches that are listed for each interrupt.
-const LISTED: usize = 4;
 
 /// Finds the longest times.
 ///
@@ -134,8 +140,12 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
     // What is blocked from the reset to the first time that interrupts are enabled is no stretch.
     timing.function(reset).context("from the start of the program")?;
     let turn = timing.turn.take();
+    let is_enabled = |watch: &&Watch| turn.is_none_or(|turn| watch.is_enabled(&turn.enables));
+    let partly = watches.iter().filter(|watch| !is_enabled(watch)).map(|watch| watch.name());
+    let partly_enabled = partly.collect();
     let turn = turn.map(|Turn { head, cycles, .. }| TurnTime {
         place: program.place(head),
+        head,
         cycles: Cycles(cycles),
     });
     let mut handlers = Vec::new();
@@ -158,13 +168,15 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
     let all = timing.ended.list(&watches);
     let of = |watch: &Watch| {
         let name = watch.name();
-        all.iter().filter(move |stretch| stretch.blocks == name).take(LISTED)
+        all.iter().filter(move |stretch| stretch.blocks == name)
     };
     let stretches = watches.iter().flat_map(of).map(|stretch| StretchTime {
         blocks: stretch.blocks,
         cycles: Cycles(stretch.cycles),
         begins: program.place(stretch.begins),
         ends: program.place(stretch.ends),
+        from: stretch.begins,
+        to: stretch.ends,
     });
     let loops = timing.bounds.iter().map(|(head, bound)| LoopBound {
         place: program.place(*head),
@@ -179,6 +191,7 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         handlers,
         stretches: stretches.collect(),
         turn,
+        partly_enabled,
         missing: timing.missing.iter().cloned().collect(),
     })
 }

@@ -44,9 +44,13 @@ fn main() -> ExitCode {
 }
 
 fn run(args: &Args) -> Result<ExitCode> {
-    if let Some(Command::Utilisation(args)) = &args.command {
-        bus_load::run(args, io::stdout().lock()).or_usage()?;
-        return Ok(ExitCode::SUCCESS);
+    match &args.command {
+        Some(Command::Utilisation(args)) => {
+            bus_load::run(args, io::stdout().lock()).or_usage()?;
+            return Ok(ExitCode::SUCCESS);
+        }
+        Some(Command::Bounds(options)) => return options.run(&mut io::stdout().lock()),
+        None => {}
     }
     args.check().or_usage()?;
     let stop = stop_on_signals()?;
