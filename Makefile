@@ -32,7 +32,7 @@ SHIPPED := default remote thesis
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
-ON_UNO := budget bus_faults controller full_bus load restart servo update update_clients
+ON_UNO := bounds budget bus_faults controller full_bus load restart servo update update_clients
 ON_UNO_MODULE := budget controller load loader parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'

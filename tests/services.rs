@@ -49,7 +49,8 @@ fn node_info_has_every_field_at_its_place() {
     assert!((2..=3).contains(&uptime), "{uptime} s");
     assert_eq!(payload[4..7], [0, 0, 0], "OK, OPERATIONAL, vendor code 0");
     let [major, minor] = [env!("CARGO_PKG_VERSION_MAJOR"), env!("CARGO_PKG_VERSION_MINOR")];
-    assert_eq!(payload[7..9], [major.parse().unwrap(), minor.parse().unwrap()]);
+    let version: [u8; 2] = [major.parse().unwrap(), minor.parse().unwrap()];
+    assert_eq!(payload[7..9], version);
     let commit = u32::from_le_bytes(payload[10..14].try_into().unwrap());
     assert_eq!(
         payload[9],

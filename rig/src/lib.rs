@@ -9,6 +9,7 @@ pub mod faults;
 pub mod flood;
 pub mod load;
 pub mod manage;
+pub mod observed;
 pub mod parallel;
 pub mod profile;
 pub mod queue;

@@ -32,6 +32,11 @@ impl Moment<'_> {
         u16::from_le_bytes([self.data(regs::SPL), self.data(regs::SPH)])
     }
 
+    /// True if the I flag of SREG is set.
+    pub fn interrupts_enabled(&self) -> bool {
+        self.base.core.interrupts_enabled()
+    }
+
     /// A byte of the data space: registers, I/O or SRAM.
     pub fn data(&self, address: u16) -> u8 {
         self.base.core.get(address)
