@@ -52,7 +52,7 @@ VERSION = tuple(int(number) for number in PACKAGE["version"].split(".")[:2])
 TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 NODE = 120
 # The node sends a status each second. A busy machine needs more time.
-TIMEOUT_S = 10
+TIMEOUT_S = 30
 
 # In a script's background process SIGINT is ignored, and the programs that start from here would
 # inherit that.
