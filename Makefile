@@ -402,7 +402,7 @@ size: firmware
 
 # A wrong port ends it before anything is installed or built.
 flash:
-	@scripts/flash --check --port '$(PORT)' $(WIRING)
+	@scripts/flash --check --port '$(PORT)' $(WIRING) '$(FEATURES)'
 	@scripts/setup flash
 	@$(MAKE) --no-print-directory firmware $(TOOLS)/bin/ravedude
 	@scripts/flash --port '$(PORT)' $(WIRING) '$(FEATURES)'

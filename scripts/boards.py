@@ -96,6 +96,15 @@ class Choice:
         return "-".join([self.board, self.shield, *own])
 
     @property
+    def wiring(self):
+        """How the program expects the MCP2515 and the servo, in words."""
+        return (
+            f"{TABLE['boards'][self.board]['title']}, {TABLE['shields'][self.shield]['title']}: "
+            f"CS on {self.cs}, INT on {self.int}, crystal {self.crystal_mhz} MHz, servo on "
+            f"{self.servo}, bus {self.bit_rate // 1000} kbit/s"
+        )
+
+    @property
     def options(self):
         """The choice as options of a script."""
         return [
@@ -166,6 +175,15 @@ def add_options(parser):
     )
     group.add_argument("--int", default="", help="pin of its INT, D2 or D3")
     group.add_argument("--crystal", default="", help="its crystal in MHz, 8 or 16")
+
+
+def words(arguments):
+    """What the user has told make about the board, such as BOARD=nano SHIELD=module; with a space
+    after each.
+    """
+    names = ("board", "shield", "cs", "int", "crystal")
+    given = [(name, getattr(arguments, name)) for name in names if getattr(arguments, name)]
+    return "".join(f"{name.upper()}={value} " for name, value in given)
 
 
 def choose(arguments):

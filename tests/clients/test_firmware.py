@@ -1,5 +1,6 @@
 """How `make firmware` and `make flash` react to FEATURES, BOARD, SHIELD and PORT."""
 
+import glob
 import os
 import pty
 import subprocess
@@ -114,17 +115,31 @@ def test_flash_checks_the_port_before_anything_else():
         (__file__, "is no serial port."),
     ]:
         done = subprocess.run(
-            ["make", "flash", f"PORT={port}"], cwd=ROOT, capture_output=True, text=True, timeout=5
+            ["make", "flash", f"PORT={port}"], cwd=ROOT, capture_output=True, text=True, timeout=30
         )
         assert done.returncode == 2 and answer in done.stderr and "machine" in done.stderr, done
     # A terminal is accepted as a port; the board's name is wrong.
     keyboard, port = pty.openpty()
     done = script("flash", "--check", "--port", os.ttyname(port))
     assert done.returncode == 0, done
+    assert "CS on D9, INT on D2, crystal 16 MHz" in done.stdout and "SHIELD=" in done.stdout, done
+    done = script("flash", "--check", "--port", os.ttyname(port), "--shield", "module")
+    assert "CS on D10, INT on D2, crystal 8 MHz" in done.stdout, done
+    assert "servo on D9, bus 500 kbit/s" in done.stdout and "SHIELD=" not in done.stdout, done
     done = script("flash", "--check", "--port", os.ttyname(port), "--board", "unu")
     assert done.returncode == 1 and "BOARD=unu" in done.stderr, done
     os.close(keyboard)
     os.close(port)
+
+
+@pytest.mark.skipif(bool(glob.glob("/dev/tty[UA][SC][BM]*")), reason="the machine has a port")
+def test_flash_without_a_port_answers_with_the_words_that_it_was_given():
+    words = ["BOARD=nano", "SHIELD=module", "FEATURES=stats"]
+    done = subprocess.run(
+        ["make", "flash", *words], cwd=ROOT, capture_output=True, text=True, timeout=30
+    )
+    assert done.returncode == 2, done
+    assert "make flash BOARD=nano SHIELD=module FEATURES=stats PORT=/dev/" in done.stderr, done
 
 
 def test_cargo_run_prints_how_to_flash_and_how_to_simulate():
