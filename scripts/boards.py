@@ -20,6 +20,16 @@ CRYSTALS_MHZ = [8, 16]
 # Hardware version of wiring that no entry of the table has.
 OWN_WIRING = 255
 
+# Lock bits (datasheet, "Boot Loader Lock Bits"). While chips are written they are open. BLB1 mode 2
+# protects the boot section from SPM. Mode 3 would also keep the program from reading it, and so
+# from seeing that its loader is there.
+UNLOCKED = 0x3F
+LOCKED = 0xEF
+# As Arduino's boards.txt has it.
+STOCK_LOCKED = 0x0F
+# The baud rate of the sketch ArduinoISP; avrdude's own for the programmer avrisp is another.
+ARDUINO_ISP_BAUD = 19200
+
 
 @dataclasses.dataclass(frozen=True)
 class Choice:
@@ -156,6 +166,28 @@ def upload_line(board, file):
         f"flash:w:{file}.hex:i"
     )
     return f"    {command:<97}  # {entry['title']}"
+
+
+def bootloader_commands(board, hex_file, stock, programmer, port):
+    """The calls of avrdude: first erase and fuses, then flash and lock bits."""
+    chip = TABLE["chips"][board.chip]
+    fuses = chip["fuses"] | (
+        TABLE["boards"][board.board].get("stock_fuses", {}) if stock else {}
+    )
+    avrdude = ["avrdude", "-c", programmer, "-p", board.chip]
+    if port:
+        avrdude += ["-P", port]
+    if programmer == "avrisp":
+        avrdude += ["-b", str(ARDUINO_ISP_BAUD)]
+    lock = STOCK_LOCKED if stock else LOCKED
+    yield [
+        *avrdude,
+        "-e",
+        "-U",
+        f"lock:w:0x{UNLOCKED:02X}:m",
+        *(word for name, value in fuses.items() for word in ("-U", f"{name}:w:0x{value:02X}:m")),
+    ]
+    yield [*avrdude, "-U", f"flash:w:{hex_file}:i", "-U", f"lock:w:0x{lock:02X}:m"]
 
 
 def add_options(parser):

@@ -142,6 +142,20 @@ def test_flash_without_a_port_answers_with_the_words_that_it_was_given():
     assert "make flash BOARD=nano SHIELD=module FEATURES=stats PORT=/dev/" in done.stderr, done
 
 
+def test_the_archive_of_a_release_has_wiring_bit_rate_and_fuses():
+    done = script("dist", "--readme", "--board", "nano", "--shield", "module")
+    page = done.stdout
+    for line in [
+        "CS on D10, INT on D2, crystal 8 MHz, servo on D9, bus 500 kbit/s",
+        "avrdude -c arduino -p atmega328p -b 57600 -D -P /dev/ttyUSB0 -U flash:w:nano-module.hex:i",
+        "avrdude -c usbasp -p atmega328p -e -U lock:w:0x3F:m -U lfuse:w:0xFF:m -U hfuse:w:0xDA:m",
+        "-U flash:w:boot-nano-module.hex:i -U lock:w:0xEF:m",
+    ]:
+        assert line in page, done
+    every = script("dist", "--readme").stdout
+    assert "* `diecimila-seeed`: " in every and "* `promini-module-16mhz`: " in every, every
+
+
 def test_cargo_run_prints_how_to_flash_and_how_to_simulate():
     done = subprocess.run(["cargo", "run", "--quiet"], cwd=ROOT, capture_output=True, text=True)
     last = done.stderr.splitlines()[-1]
