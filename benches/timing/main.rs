@@ -1,6 +1,5 @@
 //! Timing of the shipped ELF in cycles of its AVR, that of firmwares with third-party drivers, and
-//! the speed of the simulator. Prints and writes docs/benchmarks.md with its plots, and
-//! docs/simulation-speed.md.
+//! the speed of the simulator. Prints all, and writes docs/benchmarks.md with its plots.
 //!
 //! It measures everything from outside: at the pins, on the SPI, on the bus, and by the program
 //! counter.
@@ -447,10 +446,9 @@ fn speed(eeproms: &[Vec<u8>]) -> f64 {
 fn speeds() -> String {
     let eeproms = eeproms(10);
     let mut page = String::from(
-        "# Speed of the simulation\n\nWritten by `make bench`: simulated time over real time, on \
-         one core of the machine that it ran on, with an autopilot at work. It\nis another number \
-         on another machine, and on the same one on another day.\n\n| boards on the bus | times \
-         real time | boards x time |\n| ---: | ---: | ---: |\n",
+        "Speed of the simulation: simulated time over real time, on one core of this machine, with \
+         an autopilot at work.\n\n| boards on the bus | times real time | boards x time |\n\
+         | ---: | ---: | ---: |\n",
     );
     for boards in [1, 2, 5, 10] {
         let speed = speed(&eeproms[..boards]);
@@ -461,8 +459,8 @@ fn speeds() -> String {
     let full = SPEED_MS as f64 / 1000.0 / started.elapsed().as_secs_f64();
     let _ = writeln!(
         page,
-        "\nOne board on a bus that is full of commands, measured as for \
-         [benchmarks.md](benchmarks.md): {full:.1} times."
+        "\nOne board on a bus that is full of commands, measured as for docs/benchmarks.md: \
+         {full:.1} times."
     );
     page
 }
@@ -583,13 +581,11 @@ fn main() {
          next, in cycles. The limit is 250 us, 4000 cycles.\n\n",
     );
     turns(&mut page);
-    page.push_str("\nThe speed of the simulation: [simulation-speed.md](simulation-speed.md).\n");
+    page.push_str("\nThe speed of the simulation: [bench.md](bench.md#speed).\n");
     print!("{page}");
     write("docs/benchmarks.md", &(page + &losses()));
     draw_latency(&firmwares);
     draw_loss(&firmwares);
-    let speeds = speeds();
-    print!("\n{speeds}");
-    write("docs/simulation-speed.md", &speeds);
+    print!("\n{}", speeds());
     eprintln!("measured in {:.0} s", begun.elapsed().as_secs_f64());
 }

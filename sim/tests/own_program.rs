@@ -1,5 +1,5 @@
 //! Tests of `sim` with programs of other projects: the recipe "Run your own firmware" of
-//! docs/bench.md.
+//! docs/sketch.md.
 
 mod links;
 
@@ -15,7 +15,7 @@ use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 
-/// The options of docs/bench.md for an Uno with a blue module.
+/// The options of docs/sketch.md for an Uno with a blue module.
 const UNO: [&str; 8] = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "8"];
 
 fn sim(elf: &Path, options: &[&str]) -> Output {
