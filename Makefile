@@ -320,6 +320,7 @@ lint-firmware: setup
 	cargo fmt --manifest-path fuzz/Cargo.toml --check
 	scripts/drawings --check
 	scripts/lint
+	scripts/docs
 	scripts/wiring-page --check
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p servo-node --bin servo-node -- -D warnings
@@ -375,7 +376,7 @@ elf-mutants: setup
 reliability: firmware
 	cargo bench --profile dev --bench reliability
 
-# The tables of docs/budget.md and the README.
+# The tables of docs/budget.md.
 budget:
 	@scripts/setup build
 	@scripts/budget-page
