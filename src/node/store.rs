@@ -112,8 +112,7 @@ fn crc_start(marker: u8) -> u16 {
 const SAMPLES: u8 = 64;
 
 /// Steps of a save at each call: the check of a byte, and with many parameters the write of the
-/// next one, too. A save of 101 parameters then takes 0.85 s at most, and clients wait for a
-/// second.
+/// next one, too. Clients wait for a second; `tests/parameters.rs` limits a save to 0.95 s.
 const STEPS: u8 = if OUTPUTS == 1 { 1 } else { 2 };
 
 /// The state of a save.
