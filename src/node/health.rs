@@ -91,13 +91,10 @@ impl Health {
         self.conditions.has(condition)
     }
 
-    /// The worst level that the masks give to a condition that is set. FAILSAFE does not count if
-    /// the outputs `may_be_silent`.
-    pub fn level(&self, parameters: &Parameters, may_be_silent: bool) -> Level {
-        let mut code = self.code();
-        if may_be_silent {
-            code &= !Conditions::FAILSAFE.code();
-        }
+    /// The worst level that the masks give to a condition that is set, except those that are
+    /// `excused`.
+    pub fn level(&self, parameters: &Parameters, excused: Conditions) -> Level {
+        let code = self.code() & !excused.code();
         if code & parameters.get(Parameter::CritMask) != 0 {
             Level::Critical
         } else if code & parameters.get(Parameter::ErrorMask) != 0 {
@@ -198,7 +195,7 @@ mod tests {
             let (mut health, mut monitor) = (Health::new(), Monitor::new());
             health.set(condition, true, LINES, &mut monitor);
             assert_eq!(
-                health.level(&golden::parameters(&[]), false) as u8,
+                health.level(&golden::parameters(&[]), Conditions::NONE) as u8,
                 level,
                 "{:#06x}",
                 condition.code()
@@ -283,13 +280,25 @@ mod tests {
                 ])
             };
             let mask = condition.code();
-            assert_eq!(health.level(&masks(0xFFFF, 0xFFFF, 0xFFFF), false), Level::Ok);
+            assert_eq!(health.level(&masks(0xFFFF, 0xFFFF, 0xFFFF), Conditions::NONE), Level::Ok);
             health.set(condition, true, LINES, &mut monitor);
-            assert_eq!(health.level(&masks(!mask, !mask, !mask), false), Level::Ok, "{mask:#06x}");
-            assert_eq!(health.level(&masks(mask, 0, 0), false), Level::Warning, "{mask:#06x}");
-            assert_eq!(health.level(&masks(mask, mask, 0), false), Level::Error, "{mask:#06x}");
             assert_eq!(
-                health.level(&masks(mask, mask, mask), false),
+                health.level(&masks(!mask, !mask, !mask), Conditions::NONE),
+                Level::Ok,
+                "{mask:#06x}"
+            );
+            assert_eq!(
+                health.level(&masks(mask, 0, 0), Conditions::NONE),
+                Level::Warning,
+                "{mask:#06x}"
+            );
+            assert_eq!(
+                health.level(&masks(mask, mask, 0), Conditions::NONE),
+                Level::Error,
+                "{mask:#06x}"
+            );
+            assert_eq!(
+                health.level(&masks(mask, mask, mask), Conditions::NONE),
                 Level::Critical,
                 "{mask:#06x}"
             );

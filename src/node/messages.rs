@@ -57,7 +57,8 @@ impl Node {
             return false;
         }
         self.begin_message(counters, now_ms)
-            || self.id != 0 && self.begin_response(&mut Response { counters, flash, monitor })
+            || self.id != 0
+                && self.begin_response(&mut Response { now_ms, counters, flash, monitor })
     }
 
     /// True if a frame is ready.
@@ -118,8 +119,8 @@ impl Node {
 
     /// Puts the payload of a NodeStatus.
     #[inline(never)]
-    pub(super) fn put_status(&mut self) {
-        let level = self.health.level(&self.parameters, self.outputs.may_be_silent());
+    pub(super) fn put_status(&mut self, now_ms: u16) {
+        let level = self.health.level(&self.parameters, self.outputs.excused(now_ms));
         let mode = if self.temperature.is_known() { 0 } else { MODE_INITIALIZATION };
         let outgoing = &mut self.outgoing;
         let code = self.health.code();
@@ -135,8 +136,8 @@ impl Node {
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Node {
     #[inline(always)]
-    pub(super) fn put_status_message(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
-        self.put_status();
+    pub(super) fn put_status_message(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
+        self.put_status(now_ms);
         true
     }
 

@@ -58,6 +58,8 @@ pub struct Pending {
 
 /// What else a response needs.
 pub struct Response<'a, C, P> {
+    /// The time, in milliseconds.
+    pub now_ms: u16,
     /// The counters of the controller.
     pub counters: &'a C,
     /// The tables in flash.
@@ -216,8 +218,12 @@ impl Node {
     }
 
     #[inline(always)]
-    pub(super) fn respond_node_info<C, P>(&mut self, _: &Pending, _: &mut Response<C, P>) -> bool {
-        self.put_status();
+    pub(super) fn respond_node_info<C, P>(
+        &mut self,
+        _: &Pending,
+        context: &mut Response<C, P>,
+    ) -> bool {
+        self.put_status(context.now_ms);
         self.outgoing.payload.form = Form::NodeInfo;
         self.outgoing.payload.len = information::NODE_INFO_LEN;
         true

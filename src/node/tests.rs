@@ -88,7 +88,7 @@ impl Rig {
         self.program
             .node
             .health()
-            .level(&self.program.node.parameters, self.program.node.outputs.may_be_silent())
+            .level(&self.program.node.parameters, self.program.node.outputs.excused(self.now_ms()))
             as u8
     }
 

@@ -457,6 +457,33 @@ fn an_update_is_accepted_from_a_disarmed_autopilot_and_called_off_if_it_arms_bef
 
 /// A parachute would open.
 #[test]
+fn a_lost_frame_is_no_warning_while_each_output_gets_its_next_command_within_50_ms() {
+    let lost = Notice { event: CanEvent::Flags, value: 1 << 7 };
+    for (period_ms, level) in [(20, 0), (49, 0), (60, 1)] {
+        let mut rig = hub();
+        rig.widths(&[(1, 1500), (2, 1500)]);
+        rig.program.node.notice(lost, &mut rig.program.monitor);
+        for time in 1..=240 {
+            rig.run(1);
+            if time % 20 == 0 {
+                rig.widths(&[(1, 1500)]);
+            }
+            if time % period_ms == 0 {
+                assert_eq!(rig.code(), 1 << 5, "the bit stays");
+                // Just before the second output gets its next command.
+                assert_eq!(rig.level(), level, "{period_ms} ms");
+                rig.widths(&[(2, 1500)]);
+            }
+        }
+        rig.run(100);
+        assert_eq!(rig.level(), 1, "the commands have stopped");
+    }
+    let mut rig = hub();
+    rig.program.node.notice(lost, &mut rig.program.monitor);
+    assert_eq!(rig.level(), 1, "without commands");
+}
+
+#[test]
 fn a_restart_moves_no_output_that_follows_no_command() {
     let mut rig = hub();
     for output in 0..8 {

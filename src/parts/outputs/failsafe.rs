@@ -2,6 +2,7 @@
 
 use super::{Outputs, bit, place};
 use crate::hardware::OUTPUTS;
+use crate::node::condition::Conditions;
 use crate::node::parameters::{Parameter, Parameters};
 use crate::parts::{arming, update};
 
@@ -126,6 +127,35 @@ impl Outputs {
     #[inline(always)]
     pub fn may_be_silent(&self) -> bool {
         self.safety.is_safe() || self.arming.is_said_disarmed()
+    }
+
+    /// The conditions that are no fault now: FAILSAFE while [`may_be_silent`](Self::may_be_silent),
+    /// and lost frames while the next commands come soon.
+    pub fn excused(&self, now_ms: u16) -> Conditions {
+        let mut excused = Conditions::NONE;
+        excused.set(Conditions::FAILSAFE, self.may_be_silent());
+        excused.set(Conditions::FRAMES_LOST, self.are_commands_frequent(now_ms));
+        excused
+    }
+
+    /// True if outputs follow commands, and each of these got one in the last 50 ms.
+    fn are_commands_frequent(&self, now_ms: u16) -> bool {
+        /// The longest time between commands that a lost one does not make noticeable.
+        const FREQUENT_MS: u16 = 50;
+        // A node with one output loses no frame.
+        if OUTPUTS == 1 {
+            return false;
+        }
+        let mut is_following = false;
+        for output in &self.each {
+            if output.is_following() {
+                if !output.has_followed_within(FREQUENT_MS, now_ms) {
+                    return false;
+                }
+                is_following = true;
+            }
+        }
+        is_following
     }
 
     /// True if an update would take the outputs away from somebody: while armed; and unless
