@@ -33,6 +33,7 @@ pub mod outgoing;
 pub mod parameters;
 pub mod publisher;
 mod receive;
+mod restart;
 pub mod services;
 pub mod store;
 pub mod temperature;
@@ -41,7 +42,6 @@ pub mod wire;
 
 use dronecan_wire::{NodeId, Rejection};
 
-use crate::handover::REQUEST_LEN;
 use crate::hardware::Input;
 use crate::monitor::{Event, Line, Monitor, Words};
 use crate::parts::allocation::Allocation;
@@ -212,30 +212,6 @@ impl Node {
     #[inline(always)]
     pub fn light(&self) -> u8 {
         self.lights.brightness()
-    }
-
-    /// True if it is time to restart the program. `is_empty`: the controller has no frame to send.
-    pub fn is_to_restart(&self, now_ms: u16, is_empty: bool) -> bool {
-        self.services.is_to_restart(now_ms, is_empty)
-    }
-
-    /// Calls an accepted update off if the outputs are in use again. Returns true if it does.
-    #[inline(always)]
-    pub fn calls_off_update(&mut self, monitor: &mut Monitor) -> bool {
-        let calls_off = self.update.is_accepted() && self.outputs.are_in_use();
-        if calls_off {
-            self.update.call_off();
-            self.services.call_off_restart();
-            monitor.log_line(Line::UpdateCalledOff);
-        }
-        calls_off
-    }
-
-    /// The accepted request for an update, if there is one, for the bootloader. Takes up to 30 ms.
-    /// The program must end then.
-    #[inline(always)]
-    pub fn hand_over(&mut self, eeprom: &mut impl Eeprom) -> Option<&[u8; REQUEST_LEN]> {
-        self.update.hand_over(self.id, &self.parameters, eeprom)
     }
 
     /// True if the program has run for a minute.
