@@ -29,9 +29,8 @@ def firmware(*arguments):
 def test_a_wrong_feature_is_answered_with_the_valid_ones(wrong):
     done = firmware("default", wrong)
     assert done.returncode == 1 and done.stdout == "" and done.stderr.count("\n") == 1, done
-    assert (
-        "one of default, full, remote, thesis, or a list of allocation, battery, button" in done.stderr
-    ), done
+    presets, features = "default, full, remote, thesis", "allocation, battery, button"
+    assert f"one of {presets}, or a list of {features}" in done.stderr, done
 
 
 @pytest.mark.parametrize(
