@@ -180,7 +180,7 @@ impl<'a, 'b> Timing<'a, 'b> {
             summary: summary.clone(),
             order: self.order(entry, summary),
             pending: BTreeMap::from([(at, (state, clocks))]),
-            time: Time { exit: None, ended: vec![None; self.watches.len()] },
+            time: Time { exit: None, ended: vec![None; self.watches.len()], bits: BTreeMap::new() },
             is_lenient: false,
             is_incomplete: false,
             bounds: Vec::new(),
@@ -223,6 +223,9 @@ impl<'a, 'b> Timing<'a, 'b> {
         {
             let mut clocks = clocks.clone();
             self.advance(run, &mut clocks, (&state, &after), at, cycles);
+            if matches!(instruction.op, Op::Sbi(..) | Op::Cbi(..)) {
+                run.time.note_bit(at, clocks.total);
+            }
             match flow {
                 Flow::To(to) if to == self.program().entry || to == 0 => {}
                 Flow::To(to) => self.jump(run, at, to, after, clocks)?,
@@ -317,6 +320,9 @@ impl<'a, 'b> Timing<'a, 'b> {
                 let ended = Some((since.saturating_add(*cycles), *end));
                 run.time.ended[index] = run.time.ended[index].max(ended);
             }
+        }
+        for (at, cycles) in &time.bits {
+            run.time.note_bit(*at, clocks.total.saturating_add(*cycles));
         }
         let Some((exit, passed)) = &time.exit else { return Ok(()) };
         let mut clocks = clocks.clone();

@@ -21,6 +21,8 @@ pub struct Time {
     /// Stretches that began before the entry and end in the function: cycles from the entry, and
     /// the address of the end, for each watch.
     pub ended: Vec<Option<(u32, u32)>>,
+    /// The longest time from the entry to the end of each SBI and CBI, by its address.
+    pub bits: BTreeMap<u32, u32>,
 }
 
 /// The parts of a function.
@@ -152,7 +154,16 @@ impl Time {
         for (mine, theirs) in self.ended.iter_mut().zip(&other.ended) {
             *mine = (*mine).max(*theirs);
         }
+        for (at, cycles) in &other.bits {
+            self.note_bit(*at, *cycles);
+        }
         Ok(())
+    }
+
+    /// Notes the time of an SBI or CBI.
+    pub fn note_bit(&mut self, at: u32, cycles: u32) {
+        let known = self.bits.entry(at).or_default();
+        *known = cycles.max(*known);
     }
 }
 

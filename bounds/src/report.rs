@@ -9,7 +9,7 @@ use crate::annotations::Annotations;
 use crate::chip::{Chip, RAM_START};
 use crate::program::Program;
 use crate::stack::Analysis;
-use crate::times::{HandlerTime, LoopBound, StretchTime, Times, TurnTime, times};
+use crate::times::{BitTime, HandlerTime, LoopBound, StretchTime, Times, TurnTime, times};
 use crate::whole::{self, Frame, Stack};
 
 /// All that was found.
@@ -80,8 +80,11 @@ impl fmt::Display for Report {
 
 impl fmt::Display for Times {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for HandlerTime { interrupt, cycles } in &self.handlers {
+        for HandlerTime { interrupt, cycles, bits } in &self.handlers {
             writeln!(f, "handler of {interrupt}: {cycles}")?;
+            if f.alternate() {
+                write_bits(f, bits)?;
+            }
         }
         for (n, StretchTime { blocks, cycles, begins, ends, .. }) in
             self.stretches.iter().enumerate()
@@ -110,6 +113,14 @@ impl fmt::Display for Times {
         }
         Ok(())
     }
+}
+
+fn write_bits(f: &mut fmt::Formatter<'_>, bits: &[BitTime]) -> fmt::Result {
+    for BitTime { register, bit, is_set, cycles, .. } in bits {
+        let what = if *is_set { "sets" } else { "clears" };
+        writeln!(f, "  {what} bit {bit} of {register:#04x} after {cycles} at most")?;
+    }
+    Ok(())
 }
 
 /// Stretches that are printed for each interrupt; `--loops` prints all.

@@ -9,7 +9,9 @@ use serde::Serialize;
 use crate::chip::INTERRUPTS;
 use crate::clock::Watch;
 use crate::cycles::Timing;
-use crate::path::Turn;
+use crate::opcode::Op;
+use crate::path::{Time, Turn};
+use crate::program::Program;
 use crate::stack::Analysis;
 use crate::whole::{handler, reset, vector_cycles, vectors};
 
@@ -47,6 +49,24 @@ pub struct HandlerTime {
     pub interrupt: &'static str,
     /// Cycles from the interrupt's response to the end of RETI, without those of handlers that
     /// interrupt it.
+    pub cycles: Cycles,
+    /// The bits of I/O registers that it sets and clears.
+    pub bits: Vec<BitTime>,
+}
+
+/// The time of an SBI or CBI in a handler.
+#[derive(Debug, Clone, Serialize)]
+pub struct BitTime {
+    /// Its address.
+    pub at: u32,
+    /// The register, in the data space, and the bit.
+    pub register: u16,
+    /// See `register`.
+    pub bit: u8,
+    /// True if it sets the bit.
+    pub is_set: bool,
+    /// Cycles from the interrupt's response to the end of the instruction, the last time that the
+    /// handler gets there.
     pub cycles: Cycles,
 }
 
@@ -162,7 +182,8 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         }
         if let Some((_, clocks)) = &time.exit {
             let cycles = Cycles(before.saturating_add(clocks.total));
-            handlers.push(HandlerTime { interrupt: name, cycles });
+            let bits = bits(program, &time, before);
+            handlers.push(HandlerTime { interrupt: name, cycles, bits });
         }
     }
     let all = timing.ended.list(&watches);
@@ -194,4 +215,18 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         partly_enabled,
         missing: timing.missing.iter().cloned().collect(),
     })
+}
+
+/// The bits that a handler sets and clears. It begins `before` cycles after the response.
+fn bits(program: &Program, time: &Time, before: u32) -> Vec<BitTime> {
+    let found = time.bits.iter().filter_map(|(at, cycles)| {
+        let (io, bit, is_set) = match program.instruction(*at).ok()?.op {
+            Op::Sbi(io, bit) => (io, bit, true),
+            Op::Cbi(io, bit) => (io, bit, false),
+            _ => return None,
+        };
+        let cycles = Cycles(before.saturating_add(*cycles));
+        Some(BitTime { at: *at, register: u16::from(io) + 0x20, bit, is_set, cycles })
+    });
+    found.collect()
 }

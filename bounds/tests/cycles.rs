@@ -172,3 +172,12 @@ fn a_program_of_avr_gcc_is_bounded() {
     let masked = times.stretches.iter().find(|stretch| stretch.begins.contains("main")).unwrap();
     assert!((160..180).contains(&masked.cycles.0), "{masked:?}");
 }
+
+#[test]
+fn the_time_of_a_bit_of_a_port_counts_from_the_response() {
+    // Response 4, JMP 3, NOP 1, CALL 4, NOP 1, SBI 2.
+    let times =
+        timed("1: rjmp 1b\n.type f, @function\nf: nop\nsbi 0x05, 2\nret", "nop\ncall f", "");
+    let [bit] = &times.handlers[0].bits[..] else { panic!("{times:?}") };
+    assert_eq!((bit.register, bit.bit, bit.is_set, bit.cycles.0), (0x25, 2, true, 15));
+}
