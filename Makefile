@@ -25,9 +25,9 @@ FEATURES ?=
 # what is wrong.
 ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)' 2>/dev/null)
 GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)' 2>/dev/null)
-# Presets with which the node's library is tested, and tunnel, a feature that is in none of them;
+# Presets with which the library is tested, and tunnel and relay, features that are in none of them;
 # and builds that the tests on simulated boards use.
-PRESETS := default full remote thesis tunnel
+PRESETS := default full remote thesis tunnel relay
 SHIPPED := default remote thesis
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
@@ -188,7 +188,7 @@ firmwares:
 	@scripts/boot $(UNO)
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
-	@scripts/firmware $(UNO) full default tunnel
+	@scripts/firmware $(UNO) full default tunnel relay
 	@scripts/boot $(UNO_MODULE)
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))

@@ -96,13 +96,17 @@ impl Eeprom for Memory {
     }
 }
 
-/// The servos, with the last width that each output got.
+/// The servos, with the last width that each output got, and the levels of relays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Servos(pub [Ticks; OUTPUTS]);
+pub struct Servos(pub [Ticks; OUTPUTS], pub [bool; OUTPUTS]);
 
 impl Pulses for Servos {
     fn set(&mut self, output: usize, width: Ticks) {
         self.0[output] = width;
+    }
+
+    fn set_level(&mut self, output: usize, is_high: bool) {
+        self.1[output] = is_high;
     }
 }
 
@@ -332,7 +336,7 @@ impl Desk {
             program: Program::new(),
             board: Table {
                 memory,
-                servos: Servos([0; OUTPUTS]),
+                servos: Servos([0; OUTPUTS], [false; OUTPUTS]),
                 can: Controller {
                     received: VecDeque::new(),
                     sent: Vec::new(),

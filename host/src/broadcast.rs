@@ -164,6 +164,56 @@ impl fmt::Display for CircuitStatus {
     }
 }
 
+/// equipment.hardpoint.Status: hardpoint u8 | newtons f16 | their variance f16 | status u16, which
+/// is 0 released, 1 and above held.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HardpointStatus {
+    pub hardpoint: u8,
+    pub weight: f16,
+    pub weight_variance: f16,
+    pub status: u16,
+}
+
+impl HardpointStatus {
+    /// `None` unless the payload has seven bytes.
+    pub fn decode(payload: &[u8]) -> Option<HardpointStatus> {
+        let &[hardpoint, w0, w1, v0, v1, s0, s1] = payload else {
+            return None;
+        };
+        Some(HardpointStatus {
+            hardpoint,
+            weight: f16::from_le_bytes([w0, w1]),
+            weight_variance: f16::from_le_bytes([v0, v1]),
+            status: u16::from_le_bytes([s0, s1]),
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let numbers = [self.weight.to_le_bytes(), self.weight_variance.to_le_bytes()];
+        [&[self.hardpoint][..], &numbers.concat(), &self.status.to_le_bytes()].concat()
+    }
+}
+
+impl fmt::Display for HardpointStatus {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.hardpoint, hardpoint_text(self.status))?;
+        if !self.weight.is_nan() {
+            write!(f, " {:.1} N", self.weight.to_f32())?;
+        }
+        Ok(())
+    }
+}
+
+/// What a hardpoint is asked to do, or does.
+pub fn hardpoint_text(command: u16) -> String {
+    match command {
+        0 => String::from("release"),
+        1 => String::from("hold"),
+        other => format!("hold {other}"),
+    }
+}
+
 /// dronecan.protocol.CanStats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CanStats {

@@ -3,7 +3,9 @@
 //! Layouts from the public DSDL; little endian throughout, float16 by the crate `half`.
 
 use super::battery::BatteryInfo;
-use super::broadcast::{Allocation, CanStats, CircuitStatus, KeyValue, LightCommand};
+use super::broadcast::{
+    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, hardpoint_text,
+};
 use super::esc;
 use super::management::{
     self, NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, TransportStats,
@@ -235,6 +237,9 @@ pub enum Message {
     Temperature(Temperature),
     CircuitStatus(CircuitStatus),
     BatteryInfo(Box<BatteryInfo>),
+    /// The hardpoint, and 0 to release it or another number to hold.
+    HardpointCommand(u8, u16),
+    HardpointStatus(HardpointStatus),
     /// For each motor -8192 to 8191.
     RawCommand(Vec<i16>),
     LightsCommand(Vec<LightCommand>),
@@ -311,6 +316,16 @@ impl Message {
             types::BATTERY_INFO => {
                 BatteryInfo::decode(payload).map(|info| Message::BatteryInfo(Box::new(info)))
             }
+            types::HARDPOINT_COMMAND => match *payload {
+                [hardpoint, low, high] => {
+                    let command = u16::from_le_bytes([low, high]);
+                    Some(Message::HardpointCommand(hardpoint, command))
+                }
+                _ => None,
+            },
+            types::HARDPOINT_STATUS => {
+                HardpointStatus::decode(payload).map(Message::HardpointStatus)
+            }
             types::RAW_COMMAND => esc::decode_commands(payload).map(Message::RawCommand),
             types::LIGHTS_COMMAND => {
                 LightCommand::decode_array(payload).map(Message::LightsCommand)
@@ -376,6 +391,11 @@ impl Message {
             Message::Temperature(temperature) => (&types::TEMPERATURE, temperature.encode()),
             Message::CircuitStatus(status) => (&types::CIRCUIT_STATUS, status.encode()),
             Message::BatteryInfo(info) => (&types::BATTERY_INFO, info.encode()),
+            Message::HardpointCommand(hardpoint, command) => {
+                let [low, high] = command.to_le_bytes();
+                (&types::HARDPOINT_COMMAND, vec![*hardpoint, low, high])
+            }
+            Message::HardpointStatus(status) => (&types::HARDPOINT_STATUS, status.encode()),
             Message::RawCommand(commands) => (&types::RAW_COMMAND, esc::encode_commands(commands)),
             Message::LightsCommand(commands) => {
                 (&types::LIGHTS_COMMAND, LightCommand::encode_array(commands))
@@ -468,6 +488,10 @@ impl fmt::Display for Message {
             Message::Temperature(temperature) => write!(f, " {temperature}"),
             Message::CircuitStatus(status) => write!(f, " {status}"),
             Message::BatteryInfo(info) => write!(f, " {info}"),
+            Message::HardpointCommand(hardpoint, command) => {
+                write!(f, " {hardpoint} {}", hardpoint_text(*command))
+            }
+            Message::HardpointStatus(status) => write!(f, " {status}"),
             Message::RawCommand(commands) => list(f, commands),
             Message::LightsCommand(commands) => list(f, commands),
             Message::ArmingStatus(0) => write!(f, " disarmed"),

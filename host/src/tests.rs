@@ -208,6 +208,28 @@ fn battery_info_equals_pydronecan() {
 }
 
 #[test]
+fn hardpoints_equal_pydronecan() {
+    both_ways("18042E0A 01 01 00 C0", Message::HardpointCommand(1, 1), "hardpoint.Command 1 hold");
+    both_ways(
+        "10042E0A 05 34 12 C3",
+        Message::HardpointCommand(5, 0x1234),
+        "hardpoint.Command 5 hold 4660",
+    );
+    both_ways(
+        "18042F78 05 C0 48 00 34 00 00 C2",
+        Message::HardpointStatus(HardpointStatus {
+            hardpoint: 5,
+            weight: f16::from_f32(9.5),
+            weight_variance: f16::from_f32(0.25),
+            status: 0,
+        }),
+        "hardpoint.Status 5 release 9.5 N",
+    );
+    let unknown = golden("18042F78 05 FF 7F FF 7F 01 00 C2");
+    assert_eq!(Message::decode(&assemble(&unknown)).to_string(), "hardpoint.Status 5 hold");
+}
+
+#[test]
 fn raw_commands_equal_pydronecan() {
     let raw = |commands: &[i16]| Message::RawCommand(commands.to_vec());
     both_ways("00040601 C4", raw(&[]), "esc.RawCommand (empty)");

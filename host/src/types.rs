@@ -88,6 +88,10 @@ pub const LIGHTS_COMMAND: DataType =
     message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20));
 pub const CIRCUIT_STATUS: DataType =
     message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56));
+pub const HARDPOINT_COMMAND: DataType =
+    message(1070, "hardpoint.Command", 0xA1A0_3626_8B0C_3455, fixed(24));
+pub const HARDPOINT_STATUS: DataType =
+    message(1071, "hardpoint.Status", 0x624A_519D_4255_3D82, fixed(56));
 pub const BATTERY_INFO: DataType =
     message(1092, "power.BatteryInfo", 0x249C_2654_8A71_1966, list(184, 8, 31));
 pub const ARMING_STATUS: DataType = message(1100, "ArmingStatus", 0x8700_F375_556A_8003, fixed(8));
@@ -174,8 +178,8 @@ pub const KNOWN: &[DataType] = &[
     message(1061, "gnss.Auxiliary", 0x9BE8_BDC4_C3DB_BFD2, fixed(125)),
     message(1062, "gnss.RTCMStream", 0x1F56_030E_CB17_1501, list(8, 8, 128)),
     message(1063, "gnss.Fix2", 0xCA41_E700_0F37_435F, list(400, 216, 1)),
-    message(1070, "hardpoint.Command", 0xA1A0_3626_8B0C_3455, fixed(24)),
-    message(1071, "hardpoint.Status", 0x624A_519D_4255_3D82, fixed(56)),
+    HARDPOINT_COMMAND,
+    HARDPOINT_STATUS,
     message(1080, "BeepCommand", 0xBE9E_A9FE_C2B1_5D52, fixed(32)),
     message(1090, "power.PrimaryPowerSupplyStatus", 0xBBA0_5074_AD75_7480, fixed(47)),
     CIRCUIT_STATUS,

@@ -76,7 +76,8 @@ pub fn elf() -> PathBuf {
     let name = program.file_stem().unwrap_or_default().to_string_lossy();
     let elf = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
         "thesis" => firmware("thesis"),
-        // No preset has this feature.
+        // No preset has these features.
+        "relay" => firmware_for("uno", "seeed", "relay"),
         "tunnel" => firmware_for("uno", "seeed", "tunnel"),
         // The ATmega168 has no room for these features.
         "allocation" | "battery" | "lights" | "motors" | "outputs" | "power" | "safety"

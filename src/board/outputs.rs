@@ -160,6 +160,19 @@ impl Pulses for Outputs {
     }
 
     #[inline(always)]
+    fn set_level(&mut self, output: usize, is_high: bool) {
+        // Safety: the handler does not change the outputs. A write to PINx, two registers before
+        // PORTx, switches the bits of PORTx that are 1 in it and no others, in one instruction.
+        unsafe {
+            let outputs = (&raw const SCHEDULE.outputs).cast::<Switched>();
+            let Switched { port, mask, .. } = *outputs.wrapping_add(output % OUTPUTS);
+            if (port.read_volatile() & mask != 0) != is_high {
+                port.wrapping_sub(2).write_volatile(mask);
+            }
+        }
+    }
+
+    #[inline(always)]
     fn commit(&mut self) {
         if self.has_change {
             self.has_change = false;

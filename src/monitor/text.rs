@@ -175,6 +175,10 @@ lines! {
         /// The safety switch is on.
         Safe = "safety switch on",
     }
+    logs if feature = "relay" {
+        /// Received a hardpoint.Command for a relay.
+        Hardpoint = "rx hardpoint.Command from %s tid %t: %a for ID %c",
+    }
     logs if feature = "lights" {
         /// Received a LightsCommand.
         Light = "rx LightsCommand from %s tid %t: light %c",

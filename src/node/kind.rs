@@ -265,6 +265,11 @@ received! {
         /// ardupilot.indication.SafetyState
         SafetyState = vendor types::SAFETY_STATE, short, Rxb1 => act_on_safety_state;
     }
+    if feature = "relay" {
+        /// uavcan.equipment.hardpoint.Command
+        HardpointCommand = message types::HARDPOINT_COMMAND, short, Rxb1
+            => act_on_hardpoint_command;
+    }
     if feature = "lights" {
         /// uavcan.equipment.indication.LightsCommand
         LightsCommand = message types::LIGHTS_COMMAND, list(3, 20), Rxb1 => act_on_lights_command;

@@ -228,6 +228,17 @@ impl Node {
     }
 
     #[inline(never)]
+    pub(super) fn put_hardpoint_status(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
+        let Some((id, holds)) = self.outputs.next_relay() else { return false };
+        self.outgoing.put8(id);
+        // The weight of the payload, and its variance, are not measured.
+        self.outgoing.put16(float16::NAN);
+        self.outgoing.put16(float16::NAN);
+        self.outgoing.put16(holds.into());
+        true
+    }
+
+    #[inline(never)]
     pub(super) fn put_battery_info(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
         let Self { battery, power, temperature, parameters, outgoing, .. } = self;
         battery.put(power, temperature, parameters, |word| outgoing.put16(word));

@@ -28,6 +28,7 @@ mod get_set;
 pub mod health;
 pub mod information;
 pub mod kind;
+mod measure;
 mod messages;
 pub mod outgoing;
 pub mod parameters;
@@ -42,7 +43,6 @@ pub mod wire;
 
 use dronecan_wire::{NodeId, Rejection};
 
-use crate::hardware::Input;
 use crate::monitor::{Event, Line, Monitor, Words};
 use crate::parts::allocation::Allocation;
 use crate::parts::battery::Battery;
@@ -220,24 +220,6 @@ impl Node {
         self.uptime_sec >= 60
     }
 
-    /// The input of the ADC for the next reading.
-    #[inline(always)]
-    pub fn next_input(&self) -> Input {
-        self.power.next_input(&self.parameters)
-    }
-
-    /// Takes a reading of the ADC, which measures the input `next` now.
-    #[inline(always)]
-    pub fn read_input(&mut self, reading: u16, next: Input) {
-        let (input, is_complete) = self.power.add(reading, next);
-        if is_complete {
-            self.chores.add(Chore::MeasurePower);
-        }
-        if input == Input::Sensor && self.temperature.add(reading) {
-            self.chores.add(Chore::Measure);
-        }
-    }
-
     /// Takes the state of the button during the last `passed_ms` milliseconds.
     #[inline(always)]
     pub fn read_button(&mut self, is_pressed: bool, passed_ms: u8, monitor: &mut Monitor) {
@@ -268,16 +250,6 @@ impl Node {
         } else if self.chores.remove(Chore::MeasurePower) {
             self.measure_power(now_ms);
         }
-    }
-
-    /// Computes voltage and current of the circuit, and the charge that the battery gave.
-    #[inline(never)]
-    fn measure_power(&mut self, now_ms: u16) {
-        // Before the first measurement no current is known.
-        let was_measured = self.power.is_known();
-        self.power.measure(&self.parameters);
-        let centiamperes = if was_measured { self.power.centiamperes() } else { 0 };
-        self.battery.add(centiamperes, now_ms);
     }
 
     /// Has the parameters applied after some were set.
@@ -393,7 +365,7 @@ impl Node {
             self.filters_s -= 1;
         }
         self.autopilot.second();
-        self.outputs.second(self.second_ms);
+        self.outputs.second(self.second_ms, &self.parameters);
         self.health.second();
         if self.outputs.is_one_of_several_failing() {
             self.publisher.publish(Publication::FailsafeOutputs);

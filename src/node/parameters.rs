@@ -3,6 +3,8 @@
 use crate::hardware::{OUTPUTS, SLOT_US};
 use crate::node::bit_rate::HIGHEST_RATE;
 use crate::node::condition::{CRIT_MASK, ERROR_MASK, WARN_MASK};
+#[allow(unused_imports, reason = "a build may have no OUTn_TYPE")]
+use crate::parts::relays::GREATEST_TYPE;
 pub use descriptions::*;
 pub use values::Parameters;
 
@@ -164,6 +166,15 @@ parameters! {
         /// PWR1_AMP_MAX; 0 is none.
         Pwr1Out "PWR1_OUT" 0..8 = 0,
     }
+    if feature = "relay" {
+        /// Rate of hardpoint.Status, in messages a second.
+        RelayRate "RELAY_RATE" 0..10 = 1,
+        /// Relays that hold at the start, and after RELAY_TIMEOUT: bit 0 is output 1.
+        RelayStart "RELAY_START" 0..255 = 0,
+        /// Time without a hardpoint.Command for a relay until all go to the state of RELAY_START,
+        /// in seconds; 0 is never.
+        RelayTimeout "RELAY_TIMEOUT" 0..255 = 0,
+    }
     if feature = "battery" {
         /// Rate of BatteryInfo, in messages a second.
         BattRate "BATT_RATE" 0..10 = 0,
@@ -203,8 +214,9 @@ output_parameters! {
         FsPwm "FS_PWM" 500..LONGEST_PULSE_US = 1500,
     }
     if feature = "outputs" {
-        /// 0 is a servo, which follows ArrayCommand, 1 a motor, which follows esc.RawCommand.
-        Type "TYPE" 0..1 = 0,
+        /// 0 is a servo, which follows ArrayCommand, 1 a motor, which follows esc.RawCommand, 2 a
+        /// relay, which follows hardpoint.Command.
+        Type "TYPE" 0..GREATEST_TYPE = 0,
     }
 }
 

@@ -191,6 +191,11 @@ publications! {
         CircuitStatus = dronecan_wire::types::CIRCUIT_STATUS, short, 7, Rate(Parameter::PwrRate)
             => put_circuit_status;
     }
+    if feature = "relay" {
+        /// uavcan.equipment.hardpoint.Status
+        HardpointStatus = dronecan_wire::types::HARDPOINT_STATUS, short, 7,
+            Rate(Parameter::RelayRate) => put_hardpoint_status;
+    }
     if feature = "battery" {
         /// uavcan.equipment.power.BatteryInfo
         BatteryInfo = dronecan_wire::types::BATTERY_INFO, long, 23, Rate(Parameter::BattRate)

@@ -245,6 +245,23 @@ impl Node {
         NodeId::new(transfer.source).is_some_and(|source| self.autopilot.is_status_of(source))
     }
 
+    #[inline(never)]
+    pub(super) fn act_on_hardpoint_command<P>(
+        &mut self,
+        command: &Transfer,
+        context: &mut Context<P>,
+    ) -> Line {
+        if command.len() != 3 {
+            return Line::RefusedLength;
+        }
+        let (source, &[id, low, high, ..]) = (command.source, command.bytes());
+        self.note.set_code(id);
+        self.note.set_a(u16::from_le_bytes([low, high]));
+        let holds = low | high != 0;
+        let line = self.outputs.act_on_hardpoint_command(source, id, holds, &self.parameters);
+        self.note_command(command, line, context.monitor)
+    }
+
     #[inline(always)]
     pub(super) fn act_on_lights_command<P>(
         &mut self,

@@ -15,6 +15,8 @@ mod battery;
 mod manage;
 #[cfg(feature = "outputs")]
 mod outputs;
+#[cfg(feature = "relay")]
+mod relays;
 
 impl Memory {
     /// An EEPROM with these parameters saved.

@@ -62,6 +62,12 @@ pub mod power;
 #[path = "absent/power.rs"]
 pub mod power;
 
+#[cfg(feature = "relay")]
+pub mod relays;
+#[cfg(not(feature = "relay"))]
+#[path = "absent/relays.rs"]
+pub mod relays;
+
 #[cfg(feature = "safety")]
 pub mod safety;
 #[cfg(not(feature = "safety"))]

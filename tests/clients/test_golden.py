@@ -244,6 +244,29 @@ CASES = {
         "18044478 E8 B5 FF 7F 40 4A 00 80 | 49 FF 7F FF 7F FF 7F 20 | 00 00 01 1F FF FF 00 00 | "
         "00 00 00 00 60",
     ),
+    "hardpoint.Command": (
+        lambda: uavcan.equipment.hardpoint.Command(hardpoint_id=1, command=1),
+        10,
+        24,
+        0,
+        "18042E0A 01 01 00 C0",
+    ),
+    "hardpoint.Command of a mask": (
+        lambda: uavcan.equipment.hardpoint.Command(hardpoint_id=5, command=0x1234),
+        10,
+        16,
+        3,
+        "10042E0A 05 34 12 C3",
+    ),
+    "hardpoint.Status": (
+        lambda: uavcan.equipment.hardpoint.Status(
+            hardpoint_id=5, payload_weight=9.5, payload_weight_variance=0.25, status=0
+        ),
+        120,
+        24,
+        2,
+        "18042F78 05 C0 48 00 34 00 00 C2",
+    ),
     "RawCommand of none": (raw_command, 1, 0, 4, "00040601 C4"),
     "RawCommand of four": (
         lambda: raw_command(8191, -8192, 0, -1),
@@ -462,6 +485,10 @@ def test_pydronecan_produces_the_quoted_messages(name):
         ("host/src/tests.rs", "BatteryInfo of nothing known", "whole"),
         ("src/node/tests/battery.rs", "BatteryInfo of the node", "whole"),
         ("src/node/tests/battery.rs", "BatteryInfo of nothing known", "whole"),
+        ("host/src/tests.rs", "hardpoint.Command", "whole"),
+        ("host/src/tests.rs", "hardpoint.Command of a mask", "whole"),
+        ("host/src/tests.rs", "hardpoint.Status", "whole"),
+        ("src/node/tests/relays.rs", "hardpoint.Command", "whole"),
         ("host/src/tests.rs", "RawCommand of none", "whole"),
         ("host/src/tests.rs", "RawCommand of four", "whole"),
         ("host/src/tests.rs", "RawCommand of eight", "whole"),

@@ -152,6 +152,20 @@ def test_ardupilot_s_battery_monitor_reads_voltage_current_and_charge(bench):
         handle.remove()
 
 
+def test_a_relay_holds_and_releases_and_says_so(bench):
+    client = bench(elf=node_elf("relay", board="uno")).dronecan()
+    hardpoint = uavcan.equipment.hardpoint
+    for name, value in (("OUT1_ID", 5), ("OUT1_TYPE", 2), ("RELAY_RATE", 10)):
+        client.set(name, value)
+    for command, expected in ((1, 1), (0, 0), (7, 1)):
+        client.node.broadcast(hardpoint.Command(hardpoint_id=5, command=command))
+        client.node.broadcast(hardpoint.Command(hardpoint_id=6, command=1 - expected))
+        client.spin(0.2)
+        status = client.wait_for(hardpoint.Status)
+        assert (status.hardpoint_id, status.status) == (5, expected)
+        assert math.isnan(status.payload_weight) and math.isnan(status.payload_weight_variance)
+
+
 def test_with_arm_req_commands_are_followed_when_the_vehicle_is_armed(bench):
     used = bench()
     client = used.dronecan()

@@ -15,6 +15,7 @@ use crate::time::{micros, seconds};
 use bench::Cycles;
 use bench::budget::Budget;
 use bench::can::ErrorState;
+use bench::dronecan::broadcast::hardpoint_text;
 use bench::dronecan::{Dialect, Health};
 use bench::thousands;
 use bench::vendor_code;
@@ -70,8 +71,12 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         return 0;
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
-    // Only some programs measure a circuit, or a battery.
-    let circuit_rows = u16::from(state.circuit.is_some()) + u16::from(state.battery.is_some());
+    // Only some programs measure a circuit or a battery, or have relays.
+    let circuit_rows =
+        [state.circuit.is_some(), state.battery.is_some(), !state.hardpoints.is_empty()]
+            .into_iter()
+            .map(u16::from)
+            .sum::<u16>();
     let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + circuit_rows + BUS_ROWS };
     let columns = usize::from(area.width);
     let mut note_lines = output_lines(state, columns);
@@ -322,6 +327,16 @@ fn battery_line(state: &State) -> Option<Line<'static>> {
     Some(Line::from(vec![Span::from(text + &battery.charge_text()), flags]))
 }
 
+/// The node's relays, with the last hardpoint.Status of each; `None` before the first.
+fn hardpoint_line(state: &State) -> Option<Line<'static>> {
+    let texts: Vec<String> = state
+        .hardpoints
+        .iter()
+        .map(|(id, &status)| format!("{id} {}", hardpoint_text(status)))
+        .collect();
+    (!texts.is_empty()).then(|| Line::from(format!("hardpoint {}", texts.join(", "))))
+}
+
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
     let Wiring { servo, sensor, .. } = &state.wiring;
     let name = if state.output_widths().is_empty() { "Servo" } else { "OUT1" };
@@ -499,6 +514,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     }
     lines.extend(circuit_line(state));
     lines.extend(battery_line(state));
+    lines.extend(hardpoint_line(state));
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }

@@ -490,6 +490,16 @@ fn the_battery_is_shown_with_its_charge_and_without_the_circuit_with_voltage_and
 }
 
 #[test]
+fn the_relays_are_shown_with_what_they_do() {
+    let mut state = at_work();
+    state.hardpoints = [(5, 0), (6, 1)].into();
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
+        let picture = drawn(&state, &Screen::default(), columns, rows);
+        shows(&picture, &["hardpoint 5 release, 6 hold", "flash 9,876"]);
+    }
+}
+
+#[test]
 fn a_hint_stays_on_the_screen_until_it_is_acknowledged() {
     let mut state = at_work();
     let hint = "the node is at 500 kbit/s, the bus at 1000 kbit/s: each gets only errors from \

@@ -20,7 +20,7 @@ use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
 use bus_load::measured::LoadByType;
 use std::cell::RefCell;
-use std::collections::VecDeque;
+use std::collections::{BTreeMap, VecDeque};
 
 /// Bus load and frame rate are measured over this time.
 const RATE_WINDOW: Cycles = F_CPU_HZ;
@@ -206,6 +206,8 @@ pub struct State {
     pub circuit: Option<CircuitStatus>,
     /// Last BatteryInfo of the node.
     pub battery: Option<BatteryInfo>,
+    /// Last hardpoint.Status of each relay of the node, by ID.
+    pub hardpoints: BTreeMap<u8, u16>,
     /// Last temperature that the node sent in the thesis's message, in degrees Celsius.
     pub thesis_temperature_c: Option<u8>,
     /// Last measurement that the node sent in the draft: degrees Celsius, or the presses of its
@@ -531,6 +533,7 @@ impl State {
             (self.temperature, self.thesis_temperature_c, self.draft_measurement) =
                 (None, None, None);
             (self.circuit, self.battery) = (None, None);
+            self.hardpoints.clear();
         }
         self.dialect = dialect;
         self.status = Some((at, node, status));
@@ -542,6 +545,9 @@ impl State {
                 self.temperature = Some(*temperature)
             }
             Decoded::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
+            Decoded::V0(_, Message::HardpointStatus(status)) => {
+                self.hardpoints.insert(status.hardpoint, status.status);
+            }
             Decoded::V0(_, Message::BatteryInfo(battery)) => {
                 self.battery = Some(battery.as_ref().clone())
             }
@@ -715,6 +721,16 @@ mod tests {
             state.traffic.last().unwrap().text,
             "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT"
         );
+    }
+
+    #[test]
+    fn each_relay_s_state_is_kept() {
+        let mut state = State::new(1_000_000);
+        for (at, id, status) in [(16_000, 5, 1), (32_000, 6, 0), (48_000, 5, 0), (64_000, 6, 3)] {
+            let data = [id, 0x00, 0x7E, 0x00, 0x7E, status, 0, 0xC0];
+            state.add_record(&record(at, 0x1804_2F78, &data), true, Some("node"));
+        }
+        assert_eq!(state.hardpoints, [(5, 0), (6, 3)].into());
     }
 
     #[test]

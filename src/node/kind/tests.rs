@@ -27,6 +27,8 @@ const RECEIVED: &[(Kind, u16)] = &[
     (Kind::ArrayCommand, 1010),
     #[cfg(feature = "outputs")]
     (Kind::RawCommand, 1030),
+    #[cfg(feature = "relay")]
+    (Kind::HardpointCommand, 1070),
     #[cfg(feature = "lights")]
     (Kind::LightsCommand, 1081),
     #[cfg(feature = "standard")]
@@ -143,6 +145,8 @@ fn what_the_node_sends_has_the_ids_of_the_dsdl() {
         (Publication::FailsafeOutputs, 16370),
         #[cfg(feature = "power")]
         (Publication::CircuitStatus, 1091),
+        #[cfg(feature = "relay")]
+        (Publication::HardpointStatus, 1071),
         #[cfg(feature = "battery")]
         (Publication::BatteryInfo, 1092),
         #[cfg(feature = "allocation")]

@@ -424,6 +424,7 @@ fn another_commander_with_an_output_of_its_own_does_not_stop_the_motors() {
     assert_eq!(rig.servos_us()[6..], [1000, 1000]);
 }
 
+#[cfg(feature = "update")]
 #[test]
 fn an_update_is_accepted_from_a_disarmed_autopilot_and_called_off_if_it_arms_before_it_begins() {
     const UPDATE: &str = "1E28F8FF 00 66 77 2E 62 69 6E C9";
@@ -517,6 +518,7 @@ fn a_new_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
     assert_eq!(parameters.get(Parameter::OutCount), 8);
 }
 
+#[cfg(feature = "safety")]
 #[test]
 fn the_safety_switch_stops_motors_with_the_minimum_and_ends_the_pulses_of_servos() {
     let mut rig = with_motors();

@@ -111,7 +111,7 @@ impl Outputs {
     /// travel. Returns the line for the reason of a refusal; [`Line::NONE`] if there is none.
     #[inline(always)]
     pub fn act_on_servo_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
-        if self.motors.is_motor(0) {
+        if self.motors.is_motor(0) || self.is_relay(0) {
             return Line::RefusedType;
         }
         let line = self.blocked(command.source, parameters);
@@ -121,6 +121,35 @@ impl Outputs {
             self.keep(1);
         }
         line
+    }
+
+    /// Follows a hardpoint.Command: 0 releases the relays with this ID, other numbers hold. Returns
+    /// the line to log; [`Line::NONE`] if the node has no such relay.
+    #[inline(always)]
+    pub fn act_on_hardpoint_command(
+        &mut self,
+        source: u8,
+        id: u8,
+        holds: bool,
+        parameters: &Parameters,
+    ) -> Line {
+        let (mut found, mut bit) = (0, 1u8);
+        for output in &self.each {
+            if output.id == id {
+                found |= bit;
+            }
+            bit <<= 1;
+        }
+        found &= self.relays.all();
+        if found == 0 {
+            return Line::NONE;
+        }
+        let line = self.blocked(source, parameters);
+        if line != Line::NONE {
+            return line;
+        }
+        self.relays.act_on_command(found, holds, parameters);
+        Line::Hardpoint
     }
 
     /// Has these outputs, a bit each, follow their entries: those of one command.

@@ -64,14 +64,16 @@ impl Outputs {
         self.touch();
     }
 
-    /// Counts down the timeouts of ArmingStatus and SafetyState. Call once a second.
+    /// Counts down the timeouts of ArmingStatus, SafetyState and hardpoint.Command. Call once a
+    /// second.
     #[inline(always)]
-    pub fn second(&mut self, now_ms: u16) {
+    pub fn second(&mut self, now_ms: u16, parameters: &Parameters) {
         self.logged = 0;
         if update::IS_THERE {
             self.recent_s = self.recent_s.saturating_sub(1);
         }
         self.arming.second();
+        self.relays.second(parameters);
         if self.safety.second() {
             self.end_safe(now_ms);
         }
@@ -105,8 +107,8 @@ impl Outputs {
         Some((output, self.failing & bit(output) != 0))
     }
 
-    /// The output of the next actuator.Status: the servos take turns. A motor has an index and no
-    /// actuator ID, so it has none.
+    /// The output of the next actuator.Status: the servos take turns. A motor has an index, and a
+    /// relay the ID of a hardpoint, and neither an actuator ID, so they have none.
     #[inline(always)]
     pub fn next_to_report(&mut self) -> Option<usize> {
         if OUTPUTS == 1 {
@@ -115,7 +117,7 @@ impl Outputs {
         for _ in 0..self.used() {
             let output = place(self.telemetry.into());
             self.telemetry = if output + 1 < self.used() { output as u8 + 1 } else { 0 };
-            if !self.motors.is_motor(output) {
+            if !self.motors.is_motor(output) && !self.is_relay(output) {
                 return Some(output);
             }
         }

@@ -22,6 +22,7 @@ use crate::node::parameters::{OutputParameter, Parameters};
 use crate::node::wire::Transfer;
 use crate::parts::arming::Arming;
 use crate::parts::motors::{Motors, Throttle};
+use crate::parts::relays::Relays;
 use crate::parts::safety::Safety;
 use output::Output;
 use travel::{CommandType, Ticks};
@@ -31,6 +32,10 @@ pub trait Pulses {
     /// Sets the width of an output's pulse from the next period on; 0 ends the pulses. Does not cut
     /// a pulse that has begun, so the pulses end at the first call between two pulses.
     fn set(&mut self, output: usize, width: Ticks);
+
+    /// Sets the level of the pin of an output without pulses.
+    #[inline(always)]
+    fn set_level(&mut self, _output: usize, _is_high: bool) {}
 
     /// Ends a group of calls of [`set`](Self::set), whose pulses begin in the same period.
     #[inline(always)]
@@ -122,6 +127,8 @@ pub struct Outputs {
     listed: [u8; LISTED],
     /// Which outputs are motors.
     pub motors: Motors,
+    /// Which outputs are relays.
+    pub relays: Relays,
     /// If the vehicle is armed.
     pub arming: Arming,
     /// If the safety switch is on.
@@ -149,6 +156,7 @@ impl Outputs {
             hears_commands: false,
             listed: [0; LISTED],
             motors: Motors::new(),
+            relays: Relays::new(),
             arming: Arming::new(),
             safety: Safety::new(),
         }
@@ -201,9 +209,11 @@ impl Outputs {
         let id = parameters.of(n, OutputParameter::Id) as u8;
         let was_motor = self.motors.is_motor(n);
         let is_motor = self.motors.update(n, parameters);
+        let is_relay = self.relays.update(n, bit(n), parameters);
         let output = &mut self.each[place(n)];
-        // Pulse and entry are for the old ID and type. (A single servo keeps its pulse.)
-        let is_another = output.id != id || is_motor != was_motor;
+        // Pulse and entry are for the old ID and type, and a relay has none. (A single servo keeps
+        // its pulse.)
+        let is_another = output.id != id || is_motor != was_motor || is_relay;
         if OUTPUTS > 1 && is_another {
             output.end();
         }
@@ -212,7 +222,7 @@ impl Outputs {
             self.waiting &= !bit(n);
         }
         output.id = id;
-        if is_motor {
+        if is_motor || is_relay {
             output.slot = NO_SLOT;
         } else if OUTPUTS > 1 {
             // Outputs with the same ID have the same slot.
@@ -248,6 +258,25 @@ impl Outputs {
         Some(found.slot)
     }
 
+    /// The ID of the relay for the next hardpoint.Status, and true if it holds. `None` if there is
+    /// no relay.
+    #[inline(always)]
+    pub fn next_relay(&mut self) -> Option<(u8, bool)> {
+        let (bit, holds) = self.relays.next_to_report();
+        let mut left = bit;
+        let mut relays = self.each.iter().filter(|_| {
+            left = left.rotate_right(1);
+            left == 1 << 7
+        });
+        relays.next().map(|output| (output.id, holds))
+    }
+
+    /// True if the output is a relay.
+    #[inline(always)]
+    fn is_relay(&self, output: usize) -> bool {
+        self.relays.all() & bit(output) != 0
+    }
+
     /// Width of an output's pulse; 0 for none.
     pub fn pulse(&self, output: usize) -> Ticks {
         self.each[place(output)].pulse()
@@ -262,6 +291,7 @@ impl Outputs {
     /// Gives the pulses to the outputs of the board.
     #[inline(always)]
     pub fn show(&mut self, board: &mut impl Pulses) {
+        self.relays.show(board);
         // A single output ends its pulses only between two of them, so it gets its width again
         // until it does.
         if OUTPUTS > 1 && !core::mem::take(&mut self.is_stale) && self.used() != 1 {

@@ -20,7 +20,7 @@ impl Rig {
         let mut outputs = Outputs::new();
         outputs.start(&parameters);
         outputs.update(&parameters);
-        Self { outputs, servos: Servos([0; OUTPUTS]), parameters, now_ms: 0 }
+        Self { outputs, servos: Servos([0; OUTPUTS], [false; OUTPUTS]), parameters, now_ms: 0 }
     }
 
     /// Gives the outputs a message in one frame, and follows what waits then. Returns the line for
@@ -181,7 +181,7 @@ fn arming_times_out_at_the_fourth_second() {
     assert_eq!(rig.pwm(1800.0), Line::CommandPwm);
     for second in 1..=4 {
         assert_eq!(rig.outputs.pulse(0), 3600, "{second}");
-        rig.outputs.second(rig.now_ms);
+        rig.outputs.second(rig.now_ms, &rig.parameters);
         assert_eq!(rig.run(1), None, "disarmed is no failsafe");
     }
     assert_eq!((rig.outputs.pulse(0), rig.outputs.each[0].is_following()), (0, false));
@@ -263,7 +263,7 @@ mod safety {
         for second in 1..=4 {
             assert!(rig.outputs.safety.is_safe(), "{second}");
             assert_eq!(rig.run(1000), None, "silence is expected");
-            rig.outputs.second(rig.now_ms);
+            rig.outputs.second(rig.now_ms, &rig.parameters);
         }
         assert!(!rig.outputs.safety.is_safe());
         assert_eq!(rig.run(200), Some(100), "commands are missed again");

@@ -1,0 +1,129 @@
+//! Outputs that are relays: a pin that follows hardpoint.Command. hardpoint.Status says if it
+//! holds.
+
+use super::outputs::Pulses;
+use crate::node::parameters::{OutputParameter, Parameter, Parameters};
+
+/// OUTn_TYPE: the output is a relay.
+const RELAY: u8 = 2;
+
+/// The greatest OUTn_TYPE.
+pub const GREATEST_TYPE: i32 = RELAY as i32;
+
+/// Which outputs are relays, and if they hold. In each set, bit n is output n.
+pub struct Relays {
+    relays: u8,
+    held: u8,
+    /// Relays whose pin is low while they hold.
+    reversed: u8,
+    /// Outputs whose pins have the level of a relay.
+    driven: u8,
+    /// Seconds until the relays go to the state of RELAY_START; 0 for never.
+    left_s: u8,
+    /// The output whose level was set last, and its bit.
+    shown: u8,
+    shown_bit: u8,
+    /// Relays whose hardpoint.Status was sent in this round.
+    reported: u8,
+}
+
+impl Relays {
+    /// No output is a relay.
+    pub const fn new() -> Self {
+        Self {
+            relays: 0,
+            held: 0,
+            reversed: 0,
+            driven: 0,
+            left_s: 0,
+            shown: 0,
+            shown_bit: 0,
+            reported: 0,
+        }
+    }
+
+    /// Applies OUTn_TYPE and OUTn_REVERSED of an output with this bit. Returns true if it is a
+    /// relay. One that becomes a relay begins with the state of RELAY_START.
+    pub fn update(&mut self, output: usize, bit: u8, parameters: &Parameters) -> bool {
+        let was_relay = self.relays & bit != 0;
+        self.relays &= !bit;
+        if parameters.of(output, OutputParameter::Type) as u8 != RELAY {
+            return false;
+        }
+        self.relays |= bit;
+        self.reversed &= !bit;
+        if parameters.of(output, OutputParameter::Reversed) as u8 != 0 {
+            self.reversed |= bit;
+        }
+        if !was_relay {
+            self.held = self.held & !bit | parameters.get(Parameter::RelayStart) as u8 & bit;
+        }
+        true
+    }
+
+    /// The relays.
+    #[inline(always)]
+    pub fn all(&self) -> u8 {
+        self.relays
+    }
+
+    /// Has these relays hold or release, and begins the time of RELAY_TIMEOUT.
+    #[inline(always)]
+    pub fn act_on_command(&mut self, relays: u8, holds: bool, parameters: &Parameters) {
+        self.held &= !relays;
+        if holds {
+            self.held |= relays;
+        }
+        self.left_s = parameters.get(Parameter::RelayTimeout) as u8;
+    }
+
+    /// Without a command for RELAY_TIMEOUT the relays go to the state of RELAY_START. Call once a
+    /// second.
+    #[inline(always)]
+    pub fn second(&mut self, parameters: &Parameters) {
+        if self.left_s != 0 {
+            self.left_s -= 1;
+            if self.left_s == 0 {
+                self.held = parameters.get(Parameter::RelayStart) as u8;
+            }
+        }
+    }
+
+    /// Sets the level of one output's pin: that of each output once in eight calls.
+    #[inline(always)]
+    pub fn show(&mut self, board: &mut impl Pulses) {
+        self.shown += 1;
+        self.shown_bit <<= 1;
+        if self.shown_bit == 0 {
+            (self.shown, self.shown_bit) = (0, 1);
+        }
+        let bit = self.shown_bit;
+        if (self.relays | self.driven) & bit == 0 {
+            return;
+        }
+        // The pin of an output that is no relay any more becomes low once.
+        self.driven = self.driven & !bit | self.relays & bit;
+        let is_high = (self.held ^ self.reversed) & self.relays & bit != 0;
+        board.set_level(self.shown.into(), is_high);
+    }
+
+    /// The bit of the relay for the next hardpoint.Status, and true if it holds: they take turns.
+    /// 0 if there is no relay.
+    #[inline(always)]
+    pub fn next_to_report(&mut self) -> (u8, bool) {
+        let mut left = self.relays & !self.reported;
+        if left == 0 {
+            self.reported = 0;
+            left = self.relays;
+        }
+        let bit = left & left.wrapping_neg();
+        self.reported |= bit;
+        (bit, self.held & bit != 0)
+    }
+}
+
+impl Default for Relays {
+    fn default() -> Self {
+        Self::new()
+    }
+}
