@@ -55,7 +55,7 @@ help:
 	@echo "make bridge     show what a ground station sees of the node through MAVLink: simulator and bridge"
 	@echo "make web        build a web page in which the firmware runs on a simulated board and bus, and serve it  (WEB_PORT=8000)"
 	@echo "make install    the firmware, and the commands sim, bridge and node-update in ~/.cargo/bin  (PREFIX=/usr/local for /usr/local/bin)"
-	@echo "make test       every test that CI runs, about 20 minutes the first time; installs what is missing first"
+	@echo "make test       the tests that CI runs, except those of the page; about 20 minutes the first time; installs what is missing first"
 	@echo "make test-web   the web page in Chromium, and its processor against simavr: four minutes the first time"
 	@echo "make test-all   these two, and then the long tests below"
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
