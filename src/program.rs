@@ -267,10 +267,10 @@ impl Program {
         }
         if board.received_byte() == Some(b'?') {
             node.report(monitor);
-        } else if board.can_send_byte() && node.takes_character() {
+        } else if board.can_send_byte() && node.takes_character(board.now_ms()) {
             let character = monitor.next_byte(B::FLASH);
             board.send_byte(character);
-            node.keep_character(character);
+            node.keep_character(character, monitor.line(), board.now_ms());
         }
     }
 }

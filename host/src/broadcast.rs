@@ -291,6 +291,48 @@ impl fmt::Display for CanStats {
     }
 }
 
+/// protocol.debug.LogMessage: `level u3 | source u8[<=31] | text`.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LogMessage {
+    /// 0 DEBUG, 1 INFO, 2 WARNING, 3 ERROR.
+    pub level: u8,
+    /// The part of the node that says it.
+    pub source: Vec<u8>,
+    /// What it says.
+    pub text: Vec<u8>,
+}
+
+impl LogMessage {
+    /// `None` if the payload is too short.
+    pub fn decode(payload: &[u8]) -> Option<LogMessage> {
+        let (&first, rest) = payload.split_first()?;
+        let (source, text) = rest.split_at_checked(usize::from(first & 0x1F))?;
+        Some(LogMessage { level: first >> 5, source: source.to_vec(), text: text.to_vec() })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let first = self.level << 5 | self.source.len() as u8 & 0x1F;
+        [&[first], self.source.as_slice(), &self.text].concat()
+    }
+}
+
+impl fmt::Display for LogMessage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.level {
+            0 => write!(f, "DEBUG")?,
+            1 => write!(f, "INFO")?,
+            2 => write!(f, "WARNING")?,
+            3 => write!(f, "ERROR")?,
+            level => write!(f, "level {level}")?,
+        }
+        if !self.source.is_empty() {
+            write!(f, " from {}", self.source.escape_ascii())?;
+        }
+        write!(f, ": {}", self.text.escape_ascii())
+    }
+}
+
 /// protocol.debug.KeyValue: `value f32 | key`.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct KeyValue {

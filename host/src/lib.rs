@@ -39,7 +39,9 @@ pub mod types;
 mod tests;
 
 pub use battery::BatteryInfo;
-pub use broadcast::{Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand};
+pub use broadcast::{
+    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, LogMessage,
+};
 pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Decoded, Dialect, Observation, Observer};
 pub use id::{CanId, NodeId};

@@ -4,7 +4,8 @@
 
 use super::battery::BatteryInfo;
 use super::broadcast::{
-    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, hardpoint_text,
+    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, LogMessage,
+    hardpoint_text,
 };
 use super::esc;
 use super::management::{
@@ -252,6 +253,7 @@ pub enum Message {
     Button(u8, u8),
     CanStats(CanStats),
     KeyValue(KeyValue),
+    LogMessage(LogMessage),
     /// Servo command of the thesis, 0 to 255 over the full travel.
     ThesisCommand(u8),
     /// The thesis's temperature in degrees Celsius.
@@ -338,6 +340,7 @@ impl Message {
             },
             types::CAN_STATS => CanStats::decode(payload).map(Message::CanStats),
             types::KEY_VALUE => KeyValue::decode(payload).map(Message::KeyValue),
+            types::LOG_MESSAGE => LogMessage::decode(payload).map(Message::LogMessage),
             types::THESIS_COMMAND => byte().map(Message::ThesisCommand),
             types::THESIS_TEMPERATURE => byte().map(Message::ThesisTemperature),
             _ => None,
@@ -405,6 +408,7 @@ impl Message {
             Message::Button(button, tenths) => (&types::BUTTON, vec![*button, *tenths]),
             Message::CanStats(stats) => (&types::CAN_STATS, stats.encode()),
             Message::KeyValue(pair) => (&types::KEY_VALUE, pair.encode()),
+            Message::LogMessage(message) => (&types::LOG_MESSAGE, message.encode()),
             Message::ThesisCommand(byte) => (&types::THESIS_COMMAND, vec![*byte]),
             Message::ThesisTemperature(byte) => (&types::THESIS_TEMPERATURE, vec![*byte]),
             Message::NodeInfoRequest => (&types::GET_NODE_INFO, Vec::new()),
@@ -504,6 +508,7 @@ impl fmt::Display for Message {
             }
             Message::CanStats(stats) => write!(f, " {stats}"),
             Message::KeyValue(pair) => write!(f, " {pair}"),
+            Message::LogMessage(message) => write!(f, " {message}"),
             Message::ThesisCommand(byte) => write!(f, " {byte}"),
             Message::ThesisTemperature(degrees) => write!(f, " {degrees} C"),
             Message::NodeInfoRequest | Message::TransportStatsRequest => Ok(()),

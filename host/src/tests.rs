@@ -460,6 +460,22 @@ fn counters_equal_pydronecan() {
 }
 
 #[test]
+fn log_messages_equal_pydronecan() {
+    let message = |level, source: &[u8], text: &[u8]| {
+        Message::LogMessage(LogMessage { level, source: source.to_vec(), text: text.to_vec() })
+    };
+    both_ways(
+        "183FFF78 7B AB 40 46 41 49 4C 80 | 53 41 46 45 20 6F 66 20 | 20 6F 75 74 70 75 74 00 | \
+         20 31 60",
+        message(2, b"", b"FAILSAFE of output 1"),
+        "debug.LogMessage WARNING: FAILSAFE of output 1",
+    );
+    assert_eq!(LogMessage::decode(&[0x25, b'a']), None, "the source is cut");
+    let text = message(3, b"esc", b"hot\x1b").to_string();
+    assert_eq!(text, "debug.LogMessage ERROR from esc: hot\\x1b");
+}
+
+#[test]
 fn lights_and_switches_equal_pydronecan() {
     let light = |light, red, green, blue| LightCommand { light, red, green, blue };
     both_ways(

@@ -103,6 +103,8 @@ pub const THESIS_TEMPERATURE: DataType = thesis(1112, "thesis.DegreesCelsius");
 pub const CAN_STATS: DataType = message(343, "CanStats", 0xCE08_0CAE_3CA3_3C75, fixed(200));
 pub const KEY_VALUE: DataType =
     message(16370, "debug.KeyValue", 0xE02F_25D6_E0C9_8AE0, list(32, 8, 58));
+pub const LOG_MESSAGE: DataType =
+    message(16383, "debug.LogMessage", 0xD654_A48E_0C04_9D75, list(8, 8, 90));
 /// ArduPilot's safety switch.
 pub const SAFETY_STATE: DataType = message(20000, "SafetyState", 0xE965_701A_95A1_A6A1, fixed(8));
 /// A button of ArduPilot's nodes.
@@ -188,7 +190,7 @@ pub const KNOWN: &[DataType] = &[
     message(1140, "rc.RCInput", 0x7715_55E5_96AA_B4CF, list(28, 12, 32)),
     TUNNEL_BROADCAST,
     TUNNEL_TARGETTED,
-    message(16383, "debug.LogMessage", 0xD654_A48E_0C04_9D75, list(8, 8, 90)),
+    LOG_MESSAGE,
     message(20002, "gnss.Heading", 0x315C_AE39_ECED_3412, fixed(34)),
     message(20003, "gnss.Status", 0xBA3C_B4AB_BB00_7F69, fixed(56)),
     message(20004, "power.BatteryInfoAux", 0x7D7F_49FC_7548_4882, fixed(137)),

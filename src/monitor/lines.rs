@@ -122,6 +122,11 @@ impl Monitor {
         let _ = self.stack.push(code);
     }
 
+    /// The line that is being sent.
+    pub fn line(&self) -> Line {
+        self.events[usize::from(self.sent) % QUEUE_LEN].line
+    }
+
     /// Does one step and returns the next character for the UART, or 0 if this step made none.
     #[inline(never)]
     pub fn next_byte<F: TextsAndNames>(&mut self, flash: F) -> u8 {

@@ -52,6 +52,11 @@ impl Monitor {
         None
     }
 
+    /// No line.
+    pub fn line(&self) -> Line {
+        Line::NONE
+    }
+
     /// There is no character to send.
     pub fn next_byte<F: TextsAndNames>(&mut self, _flash: F) -> u8 {
         0

@@ -8,7 +8,7 @@
 pub struct Texts;
 
 /// A table of groups: `logs if condition { rows }`. Lines of a group `rejects` log that something
-/// was rejected. A group `words(NAME = first)` has words to insert in a line, and a number selects
+/// was rejected; of a group `begins` or `ends`, that a condition begins or ends. A group `words(NAME = first)` has words to insert in a line, and a number selects
 /// one.
 macro_rules! lines {
     ($($what:ident $(($list:ident = $first:ident))? if $if:meta {
@@ -45,11 +45,54 @@ macro_rules! lines {
 
         /// The text of each [`Line`], by its number.
         pub const LINES: &[&str] = &[$($(#[cfg($if)] $text,)*)*];
+
+        /// The level of each line.
+        const LEVELS: &[u8] = &[$($(
+            #[cfg($if)]
+            {
+                _ = Place::$name;
+                lines!(@level $what)
+            },
+        )*)*];
     };
     (@rejects) => { Line::REJECTS };
     (@logs) => { 0 };
     (@words) => { 0 };
+    (@begins) => { 0 };
+    (@ends) => { 0 };
+    (@level begins) => { level::WARNING };
+    (@level ends) => { level::INFO };
+    (@level $other:ident) => { level::NONE };
 }
+
+/// The level of a line (DSDL uavcan/protocol/debug/LogLevel.uavcan).
+pub mod level {
+    /// The line is not about a condition.
+    pub const NONE: u8 = 0;
+    /// A condition ends.
+    pub const INFO: u8 = 1;
+    /// A condition begins.
+    pub const WARNING: u8 = 2;
+}
+
+/// The number of the first line of a level, and how many there are. They follow each other.
+const fn range(level: u8) -> (u8, u8) {
+    let (mut first, mut count, mut n) = (0, 0, 0);
+    while n < LEVELS.len() {
+        if LEVELS[n] == level {
+            if count == 0 {
+                first = n as u8;
+            }
+            assert!(n as u8 == first + count, "the groups must follow each other");
+            count += 1;
+        }
+        n += 1;
+    }
+    (first, count)
+}
+
+const BEGINS: (u8, u8) = range(level::WARNING);
+const ENDS: (u8, u8) = range(level::INFO);
 
 /// A list of words to insert in a line.
 pub struct Words(u8);
@@ -79,6 +122,17 @@ impl Line {
         Self(number)
     }
 
+    /// The [`level`] of the line.
+    pub const fn level(self) -> u8 {
+        if self.number().wrapping_sub(BEGINS.0) < BEGINS.1 {
+            level::WARNING
+        } else if self.number().wrapping_sub(ENDS.0) < ENDS.1 {
+            level::INFO
+        } else {
+            level::NONE
+        }
+    }
+
     /// True if the line logs that something was rejected.
     pub const fn is_refusal(self) -> bool {
         self.0 & Self::REJECTS != 0
@@ -95,8 +149,6 @@ lines! {
         CommandThesis = "rx thesis.ServoCommand from %s tid %t: %a, pulse %p us",
         /// The temperature, logged once a second.
         Temperature = "temperature %+%1 C",
-        /// Two nodes command the output.
-        TwoCommanders = "TWO COMMANDERS",
     }
     rejects if all() {
         /// Rejected: a frame of a type that the node does not receive, or a standard or remote
@@ -144,10 +196,6 @@ lines! {
         RawCommand = "rx RawCommand from %s tid %t: motor %c %+%0, pulse %p us",
         /// A parameter was not set: so many outputs have no room at such a rate.
         ParameterNoRoom = "rx GetSet from %s tid %t: OUT_COUNT pulses do not fit at OUT_RATE, %n",
-        /// The failsafe of an output begins.
-        FailsafeOf = "FAILSAFE of output %c",
-        /// The failsafe of an output ends.
-        FailsafeOfEnd = "commands again for output %c",
     }
     logs if feature = "standard" {
         /// A parameter was set.
@@ -160,10 +208,6 @@ lines! {
         NotSaved = "parameters not saved",
         /// Received an ArmingStatus.
         Arming = "rx ArmingStatus from %s tid %t: %c",
-        /// The vehicle is disarmed.
-        Disarmed = "disarmed",
-        /// The vehicle is armed again.
-        DisarmedEnd = "armed",
     }
     logs if feature = "update" {
         /// An accepted update does not begin: the outputs are in use again.
@@ -172,8 +216,6 @@ lines! {
     logs if feature = "safety" {
         /// Received a SafetyState.
         SafetyState = "rx SafetyState from %s tid %t: %c",
-        /// The safety switch is on.
-        Safe = "safety switch on",
     }
     logs if feature = "relay" {
         /// Received a hardpoint.Command for a relay.
@@ -190,10 +232,6 @@ lines! {
     logs if feature = "power" {
         /// Voltage and current of the circuit, logged once a second.
         Circuit = "circuit %b mV, %+%2 A",
-        /// The voltage or the current leaves its range.
-        PowerOutOfRange = "voltage or current out of range",
-        /// The voltage and the current are in their ranges again.
-        PowerOutOfRangeEnd = "voltage and current in range",
     }
     logs if feature = "tunnel" {
         /// Received a tunnel.Targetted.
@@ -213,6 +251,14 @@ lines! {
             concat!("DroneCAN servo node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
         /// The CAN controller is on the bus.
         Running = "CAN: running",
+        /// On request: counts of commands followed and frames rejected.
+        CountsIn = "commands followed %a, frames refused %b",
+        /// On request: counts of overruns and of frames given up.
+        CountsOut = "overruns %a, given up %b",
+    }
+    begins if all() {
+        /// Two nodes command the output.
+        TwoCommanders = "TWO COMMANDERS",
         /// No chip answers on the SPI.
         NotAnswering = "CAN: MCP2515 silent (CANSTAT %x)",
         /// A register did not read back as written.
@@ -229,24 +275,50 @@ lines! {
         BusOff = "CAN: bus-off",
         /// The CAN controller is error-passive.
         ErrorPassive = "CAN: error-passive",
-        /// The CAN controller is error-active again.
-        ErrorActive = "CAN: error-active",
         /// Values in the EEPROM were lost or out of range. The defaults apply to them.
         ParametersLost = "parameters lost, defaults",
         /// The failsafe begins.
         Failsafe = "FAILSAFE: no commands",
-        /// The failsafe ends.
-        FailsafeEnd = "commands again",
         /// The temperature leaves its range.
         OutOfRange = "temperature out of range",
-        /// The temperature is in its range again.
-        OutOfRangeEnd = "temperature in range",
         /// The temperature is out of range because the sensor is open or shorted.
         SensorFault = "temperature sensor fault",
-        /// On request: counts of commands followed and frames rejected.
-        CountsIn = "commands followed %a, frames refused %b",
-        /// On request: counts of overruns and of frames given up.
-        CountsOut = "overruns %a, given up %b",
+    }
+    begins if feature = "standard" {
+        /// The vehicle is disarmed.
+        Disarmed = "disarmed",
+    }
+    begins if feature = "safety" {
+        /// The safety switch is on.
+        Safe = "safety switch on",
+    }
+    begins if feature = "outputs" {
+        /// The failsafe of an output begins.
+        FailsafeOf = "FAILSAFE of output %c",
+    }
+    begins if feature = "power" {
+        /// The voltage or the current leaves its range.
+        PowerOutOfRange = "voltage or current out of range",
+    }
+    ends if all() {
+        /// The CAN controller is error-active again.
+        ErrorActive = "CAN: error-active",
+        /// The failsafe ends.
+        FailsafeEnd = "commands again",
+        /// The temperature is in its range again.
+        OutOfRangeEnd = "temperature in range",
+    }
+    ends if feature = "standard" {
+        /// The vehicle is armed again.
+        DisarmedEnd = "armed",
+    }
+    ends if feature = "outputs" {
+        /// The failsafe of an output ends.
+        FailsafeOfEnd = "commands again for output %c",
+    }
+    ends if feature = "power" {
+        /// The voltage and the current are in their ranges again.
+        PowerOutOfRangeEnd = "voltage and current in range",
     }
     words(RESET = PowerOn) if all() {
         /// Reset cause.

@@ -213,6 +213,12 @@ impl Node {
     }
 
     #[inline(always)]
+    pub(super) fn put_log_message(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
+        self.log.take(now_ms, |byte| self.outgoing.put8(byte));
+        true
+    }
+
+    #[inline(always)]
     pub(super) fn put_targetted(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
         self.tunnel.take(now_ms, |byte| self.outgoing.put8(byte));
         true

@@ -49,6 +49,7 @@ use crate::parts::battery::Battery;
 use crate::parts::button::Button;
 use crate::parts::dialect;
 use crate::parts::lights::Lights;
+use crate::parts::log::Log;
 use crate::parts::outputs::travel::Ticks;
 use crate::parts::outputs::{Outputs, Pulses};
 use crate::parts::power::Power;
@@ -117,6 +118,7 @@ pub struct Node {
     power: Power,
     stats: Stats,
     tunnel: Tunnel,
+    log: Log,
     update: Update,
 }
 
@@ -149,6 +151,7 @@ impl Node {
             power: Power::new(),
             stats: Stats::new(),
             tunnel: Tunnel::new(),
+            log: Log::new(),
             update: Update::new(),
         }
     }
@@ -300,6 +303,9 @@ impl Node {
         if self.tunnel.tick(now_ms) {
             self.publisher.publish(Publication::Targetted);
         }
+        if self.log.is_due(now_ms) {
+            self.publisher.publish(Publication::LogMessage);
+        }
         if self.outputs.tick(now_ms, &self.parameters) {
             if self.outputs.hears_nothing() {
                 self.change_filters();
@@ -375,16 +381,18 @@ impl Node {
     }
 
     /// True if the serial monitor may write a character: without somebody who looks through the
-    /// bus, always.
+    /// bus, nearly always.
     #[inline(always)]
-    pub fn takes_character(&self) -> bool {
-        self.tunnel.has_room()
+    pub fn takes_character(&self, now_ms: u16) -> bool {
+        self.tunnel.has_room() && self.log.has_room(now_ms)
     }
 
-    /// Keeps a character of the serial monitor, or 0 for none, for whoever looks through the bus.
+    /// Keeps a character of this line of the serial monitor, or 0 for none, for whoever looks
+    /// through the bus.
     #[inline(always)]
-    pub fn keep_character(&mut self, character: u8) {
+    pub fn keep_character(&mut self, character: u8, line: Line, now_ms: u16) {
         self.tunnel.push(character);
+        self.log.push(character, line, now_ms);
     }
 
     /// Logs the counters.

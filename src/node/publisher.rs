@@ -2,7 +2,7 @@
 //! [`messages`](super::messages) has their payloads.
 
 use dronecan_wire::Tail;
-use dronecan_wire::types::Message;
+use dronecan_wire::types::{self, Message};
 
 use super::Node;
 use super::health::CanCounters;
@@ -38,7 +38,7 @@ enum When {
 macro_rules! publications {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
-        $name:ident = $type:path, $form:ident, $len:literal, $when:expr => $put:ident;)*
+        $name:ident = $type:path, $form:ident, $len:expr, $when:expr => $put:ident;)*
     })*) => {
         #[repr(u8)]
         enum Place {
@@ -159,51 +159,53 @@ publications! {
     }
     if feature = "standard" {
         /// uavcan.equipment.actuator.Status
-        ActuatorStatus = dronecan_wire::types::ACTUATOR_STATUS, long, 8, Rate(Parameter::TelemRate)
+        ActuatorStatus = types::ACTUATOR_STATUS, long, 8, Rate(Parameter::TelemRate)
             => put_actuator_status;
     }
     if not(feature = "draft") {
         /// uavcan.equipment.device.Temperature
-        Temperature = dronecan_wire::types::DEVICE_TEMPERATURE, short, 5, Rate(Parameter::TempRate)
+        Temperature = types::DEVICE_TEMPERATURE, short, 5, Rate(Parameter::TempRate)
             => put_temperature;
     }
     if feature = "stats" {
         /// dronecan.protocol.CanStats
-        CanStats = dronecan_wire::types::CAN_STATS, long, 25, Rate(Parameter::StatsRate)
-            => put_can_stats;
+        CanStats = types::CAN_STATS, long, 25, Rate(Parameter::StatsRate) => put_can_stats;
     }
     if all(feature = "button", not(feature = "draft")) {
         /// uavcan.protocol.debug.KeyValue, with the presses of the button.
-        KeyValue = dronecan_wire::types::KEY_VALUE, short, 7, Event => put_key_value;
+        KeyValue = types::KEY_VALUE, short, 7, Event => put_key_value;
         /// ardupilot.indication.Button, ten times a second while the button is pressed.
-        Button = dronecan_wire::types::INDICATION_BUTTON, short, 2, Event => put_button;
+        Button = types::INDICATION_BUTTON, short, 2, Event => put_button;
+    }
+    if feature = "log" {
+        /// uavcan.protocol.debug.LogMessage
+        LogMessage = types::LOG_MESSAGE, long, crate::parts::log::LEN, Event => put_log_message;
     }
     if feature = "tunnel" {
         /// uavcan.tunnel.Targetted, with characters of the serial monitor.
-        Targetted = dronecan_wire::types::TUNNEL_TARGETTED, long, 25, Event => put_targetted;
+        Targetted = types::TUNNEL_TARGETTED, long, 25, Event => put_targetted;
     }
     if feature = "outputs" {
         /// uavcan.protocol.debug.KeyValue, with the outputs in failsafe.
-        FailsafeOutputs = dronecan_wire::types::KEY_VALUE, short, 6, Event => put_failsafe_outputs;
+        FailsafeOutputs = types::KEY_VALUE, short, 6, Event => put_failsafe_outputs;
     }
     if feature = "power" {
         /// uavcan.equipment.power.CircuitStatus
-        CircuitStatus = dronecan_wire::types::CIRCUIT_STATUS, short, 7, Rate(Parameter::PwrRate)
+        CircuitStatus = types::CIRCUIT_STATUS, short, 7, Rate(Parameter::PwrRate)
             => put_circuit_status;
     }
     if feature = "relay" {
         /// uavcan.equipment.hardpoint.Status
-        HardpointStatus = dronecan_wire::types::HARDPOINT_STATUS, short, 7,
+        HardpointStatus = types::HARDPOINT_STATUS, short, 7,
             Rate(Parameter::RelayRate) => put_hardpoint_status;
     }
     if feature = "battery" {
         /// uavcan.equipment.power.BatteryInfo
-        BatteryInfo = dronecan_wire::types::BATTERY_INFO, long, 23, Rate(Parameter::BattRate)
-            => put_battery_info;
+        BatteryInfo = types::BATTERY_INFO, long, 23, Rate(Parameter::BattRate) => put_battery_info;
     }
     if feature = "allocation" {
         /// uavcan.protocol.dynamic_node_id.Allocation
-        Allocation = dronecan_wire::types::ALLOCATION, short, 7, Event => put_allocation;
+        Allocation = types::ALLOCATION, short, 7, Event => put_allocation;
     }
 }
 

@@ -50,6 +50,12 @@ pub mod lights;
 #[path = "absent/lights.rs"]
 pub mod lights;
 
+#[cfg(feature = "log")]
+pub mod log;
+#[cfg(not(feature = "log"))]
+#[path = "absent/log.rs"]
+pub mod log;
+
 #[cfg(feature = "outputs")]
 pub mod motors;
 #[cfg(not(feature = "outputs"))]

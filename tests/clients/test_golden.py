@@ -182,6 +182,16 @@ CASES = {
         1,
         "183FF278 00 00 40 40 62 74 6E C1",
     ),
+    "LogMessage": (
+        lambda: protocol.debug.LogMessage(
+            level=protocol.debug.LogLevel(value=2), source="", text="FAILSAFE of output 1"
+        ),
+        120,
+        24,
+        0,
+        "183FFF78 7B AB 40 46 41 49 4C 80 | 53 41 46 45 20 6F 66 20 | 20 6F 75 74 70 75 74 00 | "
+        "20 31 60",
+    ),
     "Button": (
         lambda: dronecan.ardupilot.indication.Button(button=1, press_time=10),
         120,
@@ -480,6 +490,7 @@ def test_pydronecan_produces_the_quoted_messages(name):
         ("host/src/tests.rs", "KeyValue", "whole"),
         ("host/src/tests.rs", "SafetyState", "whole"),
         ("host/src/tests.rs", "Button", "whole"),
+        ("host/src/tests.rs", "LogMessage", "whole"),
         ("host/src/tests.rs", "CircuitStatus", "whole"),
         ("host/src/tests.rs", "BatteryInfo", "whole"),
         ("host/src/tests.rs", "BatteryInfo of nothing known", "whole"),

@@ -103,6 +103,8 @@ pub const ALLOCATION: u64 = 0x0B2A_8126_20A1_1D40;
 pub const GET_SET: u64 = 0xA7B6_22F9_39D1_A4D5;
 /// Signature of uavcan.protocol.GetTransportStats.
 pub const GET_TRANSPORT_STATS: u64 = 0xBE6F_76A7_EC31_2B04;
+/// Signature of debug.LogMessage.
+pub const LOG_MESSAGE: u64 = 0xD654_A48E_0C04_9D75;
 /// Signature of uavcan.protocol.file.BeginFirmwareUpdate.
 pub const BEGIN_FIRMWARE_UPDATE: u64 = 0xB7D7_25DF_7272_4126;
 /// Signature of dronecan.protocol.CanStats.

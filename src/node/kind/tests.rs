@@ -139,6 +139,8 @@ fn what_the_node_sends_has_the_ids_of_the_dsdl() {
         (Publication::KeyValue, 16370),
         #[cfg(all(feature = "button", not(feature = "draft")))]
         (Publication::Button, 20001),
+        #[cfg(feature = "log")]
+        (Publication::LogMessage, 16383),
         #[cfg(feature = "tunnel")]
         (Publication::Targetted, 3001),
         #[cfg(feature = "outputs")]

@@ -457,6 +457,47 @@ fn an_update_is_accepted_from_a_disarmed_autopilot_and_called_off_if_it_arms_bef
 }
 
 /// A parachute would open.
+/// The debug.LogMessages that the node has sent: their times, levels and texts.
+#[cfg(feature = "log")]
+fn told(rig: &Rig) -> Vec<(u32, u8, String)> {
+    let mut told = Vec::new();
+    let mut frames = Vec::new();
+    for (ms, frame) in rig.can.sent.iter().filter(|(_, frame)| golden::id(frame) == 0x183F_FF78) {
+        frames.push(*frame);
+        if frame.data().last().is_some_and(|tail| tail & 0x40 != 0) {
+            let (payload, _) = golden::payload(golden::LOG_MESSAGE, &frames);
+            let text = String::from_utf8(payload[1..].to_vec()).unwrap();
+            told.push((*ms, payload[0] >> 5, text));
+            frames.clear();
+        }
+    }
+    told
+}
+
+#[cfg(feature = "log")]
+#[test]
+fn a_failsafe_is_told_when_it_begins_and_ends_and_not_more_than_twice_a_second() {
+    let mut rig = hub();
+    rig.widths(&[(1, 1500)]);
+    rig.run(2000);
+    rig.widths(&[(1, 1500)]);
+    rig.run(900);
+    let told = told(&rig);
+    let texts: Vec<_> = told.iter().map(|(_, level, text)| (*level, text.as_str())).collect();
+    assert_eq!(
+        texts,
+        [
+            (2, "FAILSAFE: no commands"),
+            (2, "FAILSAFE of output 1"),
+            (1, "commands again"),
+            (1, "commands again for output 1"),
+        ]
+    );
+    for pair in told.windows(2) {
+        assert!(pair[1].0 - pair[0].0 >= 495, "{told:?}");
+    }
+}
+
 #[test]
 fn a_lost_frame_is_no_warning_while_each_output_gets_its_next_command_within_50_ms() {
     let lost = Notice { event: CanEvent::Flags, value: 1 << 7 };
