@@ -62,11 +62,61 @@ pub struct Blocked {
     pub inherited: Option<u32>,
 }
 
+/// Cycles since the program looked at a pin the last time, and did not use the SPI afterwards.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Looked {
+    /// For each look that can be the last one, by its address: cycles at most.
+    pub own: BTreeMap<u32, u32>,
+    /// Cycles since the entry of the function on paths that neither look nor use the SPI.
+    pub through: Option<u32>,
+}
+
+impl Looked {
+    /// Nothing was looked at since the entry.
+    pub fn at_entry() -> Self {
+        Self { own: BTreeMap::new(), through: Some(0) }
+    }
+
+    fn pass(&mut self, cycles: u32) {
+        for since in self.own.values_mut().chain(&mut self.through) {
+            *since = since.saturating_add(cycles);
+        }
+    }
+
+    /// Looks at a pin.
+    pub fn look(&mut self, at: u32) {
+        *self = Self { own: BTreeMap::from([(at, 0)]), through: None };
+    }
+
+    /// Uses the SPI.
+    pub fn transfer(&mut self) {
+        *self = Self { own: BTreeMap::new(), through: None };
+    }
+
+    /// Goes through a function that is called.
+    pub fn call(&mut self, callee: &Self) {
+        match callee.through {
+            Some(cycles) => self.pass(cycles),
+            None => (self.own, self.through) = (BTreeMap::new(), None),
+        }
+        self.keep_longer(&callee.own);
+    }
+
+    fn keep_longer(&mut self, other: &BTreeMap<u32, u32>) {
+        for (look, since) in other {
+            let known = self.own.entry(*look).or_default();
+            *known = (*known).max(*since);
+        }
+    }
+}
+
 /// The times on the longest path to a place.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Clocks {
     /// Cycles since the entry of the function.
     pub total: u32,
+    /// Since the last look at a pin.
+    pub looked: Looked,
     /// For each watch.
     pub blocked: Vec<Blocked>,
 }
@@ -82,12 +132,13 @@ impl Clocks {
         let blocked = watches
             .iter()
             .map(|watch| Blocked { own: None, inherited: watch.is_blocked(state).then_some(0) });
-        Self { total: 0, blocked: blocked.collect() }
+        Self { total: 0, looked: Looked::at_entry(), blocked: blocked.collect() }
     }
 
     /// Lets time pass.
     pub fn pass(&mut self, cycles: u32) {
         self.total = self.total.saturating_add(cycles);
+        self.looked.pass(cycles);
         for Blocked { own, inherited } in &mut self.blocked {
             if let Some((since, _)) = own {
                 *since = since.saturating_add(cycles);
@@ -119,6 +170,8 @@ impl Clocks {
     /// The longer of two, where two paths meet.
     pub fn join(&mut self, other: &Self) {
         self.total = self.total.max(other.total);
+        self.looked.keep_longer(&other.looked.own);
+        self.looked.through = longer(self.looked.through, other.looked.through);
         for (mine, theirs) in self.blocked.iter_mut().zip(&other.blocked) {
             mine.own = longer(mine.own, theirs.own);
             mine.inherited = longer(mine.inherited, theirs.inherited);

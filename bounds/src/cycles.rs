@@ -24,6 +24,12 @@ use crate::value::Value;
 /// Instructions that are followed, before the analysis gives up.
 const STEPS: u32 = 20_000_000;
 
+/// I/O addresses of the pins, and of the data register of the SPI.
+const PINB: u8 = 0x03;
+const PINC: u8 = 0x06;
+const PIND: u8 = 0x09;
+const SPDR: u8 = 0x2E;
+
 /// A register whose range has at most this width is followed value by value if that is of use.
 const MOST_VALUES: u8 = 16;
 
@@ -223,8 +229,13 @@ impl<'a, 'b> Timing<'a, 'b> {
         {
             let mut clocks = clocks.clone();
             self.advance(run, &mut clocks, (&state, &after), at, cycles);
-            if matches!(instruction.op, Op::Sbi(..) | Op::Cbi(..)) {
-                run.time.note_bit(at, clocks.total);
+            match instruction.op {
+                Op::In(_, PINB | PINC | PIND)
+                | Op::Sbic(PINB | PINC | PIND, _)
+                | Op::Sbis(PINB | PINC | PIND, _) => clocks.looked.look(at),
+                Op::Out(SPDR, _) => clocks.looked.transfer(),
+                Op::Sbi(..) | Op::Cbi(..) => run.time.note_bit(at, clocks.total),
+                _ => {}
             }
             match flow {
                 Flow::To(to) if to == self.program().entry || to == 0 => {}
@@ -257,15 +268,9 @@ impl<'a, 'b> Timing<'a, 'b> {
         at: u32,
         cycles: u32,
     ) {
-        clocks.total = clocks.total.saturating_add(cycles);
+        clocks.pass(cycles);
         for (index, watch) in self.watches.iter().enumerate() {
             let blocked = &mut clocks.blocked[index];
-            if let Some((since, _)) = &mut blocked.own {
-                *since = since.saturating_add(cycles);
-            }
-            if let Some(since) = &mut blocked.inherited {
-                *since = since.saturating_add(cycles);
-            }
             if watch.is_blocked(after) {
                 let is_known = *blocked != Blocked::default();
                 if !watch.is_blocked(before) || !is_known {
@@ -327,6 +332,7 @@ impl<'a, 'b> Timing<'a, 'b> {
         let Some((exit, passed)) = &time.exit else { return Ok(()) };
         let mut clocks = clocks.clone();
         clocks.total = clocks.total.saturating_add(passed.total);
+        clocks.looked.call(&passed.looked);
         for (mine, theirs) in clocks.blocked.iter_mut().zip(&passed.blocked) {
             let through = theirs.inherited;
             let own =

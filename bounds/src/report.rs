@@ -9,7 +9,9 @@ use crate::annotations::Annotations;
 use crate::chip::{Chip, RAM_START};
 use crate::program::Program;
 use crate::stack::Analysis;
-use crate::times::{BitTime, HandlerTime, LoopBound, StretchTime, Times, TurnTime, times};
+use crate::times::{
+    BitTime, HandlerTime, LookTime, LoopBound, StretchTime, Times, TurnTime, times,
+};
 use crate::whole::{self, Frame, Stack};
 
 /// All that was found.
@@ -80,10 +82,11 @@ impl fmt::Display for Report {
 
 impl fmt::Display for Times {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for HandlerTime { interrupt, cycles, bits } in &self.handlers {
+        for HandlerTime { interrupt, cycles, bits, looks } in &self.handlers {
             writeln!(f, "handler of {interrupt}: {cycles}")?;
             if f.alternate() {
                 write_bits(f, bits)?;
+                write_looks(f, looks)?;
             }
         }
         for (n, StretchTime { blocks, cycles, begins, ends, .. }) in
@@ -119,6 +122,13 @@ fn write_bits(f: &mut fmt::Formatter<'_>, bits: &[BitTime]) -> fmt::Result {
     for BitTime { register, bit, is_set, cycles, .. } in bits {
         let what = if *is_set { "sets" } else { "clears" };
         writeln!(f, "  {what} bit {bit} of {register:#04x} after {cycles} at most")?;
+    }
+    Ok(())
+}
+
+fn write_looks(f: &mut fmt::Formatter<'_>, looks: &[LookTime]) -> fmt::Result {
+    for LookTime { register, cycles, .. } in looks {
+        writeln!(f, "  looks at {register:#04x} {cycles} at most before its end")?;
     }
     Ok(())
 }

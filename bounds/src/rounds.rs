@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 
-use crate::clock::Clocks;
+use crate::clock::{Clocks, Looked};
 use crate::countdown;
 use crate::cycles::{NoBound, Timing};
 use crate::order::Loop;
@@ -156,14 +156,14 @@ impl Timing<'_, '_> {
             state = any.clone();
         }
         for round in 0.. {
-            clocks.total = 0;
+            (clocks.total, clocks.looked) = (0, Looked::at_entry());
             run.pending.insert(inner.head, (state.clone(), clocks.clone()));
             self.round(run, inner)?;
             let Some((_, after)) = run.pending.remove(&inner.head) else { return Ok(()) };
             let (nodes, cycles, enables) = (inner.nodes.len(), after.total, state.enables);
             run.note_turn(Turn { nodes, head: inner.head, cycles, enables });
             let mut joined = clocks.clone();
-            joined.join(&Clocks { total: 0, ..after });
+            joined.join(&Clocks { total: 0, looked: Looked::at_entry(), ..after });
             if joined == clocks {
                 return Ok(());
             }

@@ -7,7 +7,7 @@ use anyhow::{Context as _, Result};
 use serde::Serialize;
 
 use crate::chip::INTERRUPTS;
-use crate::clock::Watch;
+use crate::clock::{Clocks, Watch};
 use crate::cycles::Timing;
 use crate::opcode::Op;
 use crate::path::{Time, Turn};
@@ -52,6 +52,19 @@ pub struct HandlerTime {
     pub cycles: Cycles,
     /// The bits of I/O registers that it sets and clears.
     pub bits: Vec<BitTime>,
+    /// The pins at which it looks.
+    pub looks: Vec<LookTime>,
+}
+
+/// The time from the last look at a pin, after which the SPI is not used, to the end of a handler.
+#[derive(Debug, Clone, Serialize)]
+pub struct LookTime {
+    /// The address of the instruction: IN, SBIC or SBIS.
+    pub at: u32,
+    /// PINB, PINC or PIND, in the data space.
+    pub register: u16,
+    /// Cycles from the end of the look to the end of RETI.
+    pub cycles: Cycles,
 }
 
 /// The time of an SBI or CBI in a handler.
@@ -182,8 +195,8 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         }
         if let Some((_, clocks)) = &time.exit {
             let cycles = Cycles(before.saturating_add(clocks.total));
-            let bits = bits(program, &time, before);
-            handlers.push(HandlerTime { interrupt: name, cycles, bits });
+            let (bits, looks) = (bits(program, &time, before), looks(program, clocks));
+            handlers.push(HandlerTime { interrupt: name, cycles, bits, looks });
         }
     }
     let all = timing.ended.list(&watches);
@@ -227,6 +240,18 @@ fn bits(program: &Program, time: &Time, before: u32) -> Vec<BitTime> {
         };
         let cycles = Cycles(before.saturating_add(*cycles));
         Some(BitTime { at: *at, register: u16::from(io) + 0x20, bit, is_set, cycles })
+    });
+    found.collect()
+}
+
+/// The last looks of a handler at pins.
+fn looks(program: &Program, clocks: &Clocks) -> Vec<LookTime> {
+    let found = clocks.looked.own.iter().filter_map(|(at, cycles)| {
+        let (Op::In(_, io) | Op::Sbis(io, _) | Op::Sbic(io, _)) = program.instruction(*at).ok()?.op
+        else {
+            return None;
+        };
+        Some(LookTime { at: *at, register: u16::from(io) + 0x20, cycles: Cycles(*cycles) })
     });
     found.collect()
 }

@@ -181,3 +181,12 @@ fn the_time_of_a_bit_of_a_port_counts_from_the_response() {
     let [bit] = &times.handlers[0].bits[..] else { panic!("{times:?}") };
     assert_eq!((bit.register, bit.bit, bit.is_set, bit.cycles.0), (0x25, 2, true, 15));
 }
+
+#[test]
+fn the_time_from_the_last_look_at_a_pin_ends_with_reti() {
+    // SBIS 1 and no skip, RJMP 2, NOP 1, RETI 4; the other path skips and uses the SPI.
+    let text = "in r24, 0x09\nsbis 0x09, 2\nrjmp 1f\nout 0x2E, r24\n1: nop";
+    let times = timed("1: rjmp 1b", text, "");
+    let [look] = &times.handlers[0].looks[..] else { panic!("{times:?}") };
+    assert_eq!((look.register, look.cycles.0), (0x29, 2 + 1 + 4));
+}
