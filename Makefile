@@ -46,7 +46,7 @@ TOOLS := $(TARGET_DIR)/tools
 .PHONY: lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants
 .PHONY: elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares
 .PHONY: third-party flash size budget bench lint setup clean
-.PHONY: bounds losses test-bounds test-packages test-library test-host test-bounds test-firmware
+.PHONY: bounds bounds-page losses test-bounds test-packages test-library test-host test-bounds test-firmware
 .PHONY: test-uno test-boards test-clients test-web web web-page web-pictures
 .PHONY: cross-check
 help:
@@ -71,7 +71,7 @@ help:
 	@echo "make build-twice   check that two builds of the last commit have the same bytes, in two directories  (two minutes)"
 	@echo "make flash      upload it to an Arduino and open its serial monitor  (PORT=/dev/ttyUSB0)"
 	@echo "make cross-check   run the firmware on avr8js and on simavr, and compare all that they do  (CROSS_SECONDS=60, CROSS_SEED=7; CROSS_BROWSER=1)"
-	@echo "make bounds     prove the stack of the firmware from its machine code (docs/bounds.md)"
+	@echo "make bounds     prove stack and cycles of the firmware from its machine code (docs/bounds.md)"
 	@echo "make size       size of the firmware by function"
 	@echo "make budget     build every preset and feature, and write their sizes to docs/budget.md"
 	@echo "make wiring     write docs/wiring.md from avr-specs/boards.toml"
@@ -347,7 +347,7 @@ advisories: $(TOOLS)/bin/cargo-deny
 # The pages are of the default preset.
 bench: firmware third-party
 	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
-	@$(MAKE) --no-print-directory losses
+	@$(MAKE) --no-print-directory losses bounds-page
 
 # The pictures of docs/web.md and the README, from Chromium.
 web-pictures: web-page
@@ -390,6 +390,12 @@ drawings:
 
 bounds: firmware
 	@scripts/bounds $(WIRING) '$(FEATURES)'
+
+# Beside what the simulator observes, in docs/benchmarks.md.
+bounds-page:
+	@scripts/firmware default remote thesis
+	@scripts/firmware $(UNO) full
+	cargo bench --bench bounds
 
 # The presets and the bootloaders of both chips.
 test-bounds:

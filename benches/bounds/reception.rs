@@ -2,14 +2,16 @@
 //! the handler of its interrupt: response-time analysis of frames that come as fast as the bus
 //! allows (Davis, Burns, Bril, Lukkien: Controller Area Network schedulability analysis, 2007).
 //!
-//! A frame waits for the rest of the handler, which has just looked for a frame; for the longest
-//! masked stretch of the main program, which begins then; for the handler, until it releases the
-//! buffer; and for the frames before it. Other handlers interrupt all of these.
+//! A frame waits for the rest of the handler, which has just looked at INT; for the longest masked
+//! stretch of the main program, which begins then; for the handler, until it releases the buffer;
+//! and for the frames before it. Other handlers interrupt all of these. INT is low only while a
+//! frame waits: the controller has no other interrupt enabled.
 
 use std::fmt::Write as _;
 
+use bounds::annotations::Loop;
 use bounds::report::Report;
-use bounds::times::Times;
+use bounds::times::{HandlerTime, Times};
 
 use super::report;
 
@@ -20,6 +22,8 @@ const FRAME_BITS: u32 = 67;
 /// Lengths of the table, in bytes: the shortest frame, that of types with one buffer, a command,
 /// the longest.
 const LENGTHS: [u32; 4] = [0, 2, 5, 8];
+/// The length of frames with one buffer, in bytes.
+const SHORT: u32 = 2;
 /// Instructions of the main program between two interrupts, and the longest before the response.
 const INSTRUCTIONS: u32 = 5 + 4;
 /// Between two ticks of the millisecond.
@@ -33,12 +37,14 @@ const EIMSK: u16 = 0x3D;
 
 /// What the calculation needs, in cycles.
 pub struct Reception {
-    /// The handler from its last look for a frame to its end, at most.
+    /// The handler from its last look at INT to its end.
     rest: u32,
     /// The longest masked stretch of the main program.
     masked: u32,
     /// From the response to the release of the first frame.
     release: u32,
+    /// The same of a frame of [`SHORT`] bytes.
+    short_release: u32,
     /// Each further frame.
     frame: u32,
     /// The handler of the millisecond, and the one of the edges: cycles and the time between two.
@@ -48,39 +54,35 @@ pub struct Reception {
 impl Reception {
     /// Of a program. `has_edges`: several outputs are in use.
     pub fn of(elf: &[u8], has_edges: bool) -> Self {
-        let with = |frames: u32| {
+        let with = |frames: u32, bytes: u32| {
             report(elf, |annotations| {
-                for entry in &mut annotations.loops {
-                    if entry.function == "fetch" {
-                        entry.at_most = frames;
-                    }
-                }
+                let fetch = annotations.loops.iter_mut().filter(|entry| entry.function == "fetch");
+                fetch.for_each(|entry| entry.at_most = frames);
+                annotations.loops.insert(0, reads(bytes));
             })
         };
-        let (none, one, two) = (with(0), with(1), with(2));
-        let handler = |report: &Report, name: &str| {
-            let times = times(report);
-            let found = times.handlers.iter().find(|handler| handler.interrupt == name);
-            found.map(|handler| (handler.cycles.0, handler.bits.clone()))
+        let (none, one, two) = (with(0, 8), with(1, 8), with(2, 8));
+        let release = |report: &Report| {
+            // CS rises after READ RX BUFFER, and at last after the check behind it.
+            let bits = handler(report, "INT0").bits.iter();
+            let rises = bits.filter(|bit| bit.is_set && bit.register != EIMSK);
+            rises.map(|bit| bit.cycles.0).min().expect("CS rises in the handler")
         };
-        let (empty, bits) = handler(&none, "INT0").expect("a handler of INT0");
-        let mask = bits.iter().find(|bit| bit.register == EIMSK && !bit.is_set).expect("a mask");
-        // CS rises after READ RX BUFFER, and at last after the check behind it.
-        let rises = bits.iter().filter(|bit| bit.is_set && bit.register != EIMSK);
-        let release = rises.map(|bit| bit.cycles.0).min().expect("CS rises in the handler");
-        let further = |report: &Report| handler(report, "INT0").expect("a handler").0;
-        let mut others = vec![(handler(&none, "TIMER0_COMPA").expect("a tick").0, TICK)];
+        let further = |report: &Report| handler(report, "INT0").cycles.0;
+        let looks = handler(&none, "INT0").looks.iter().map(|look| look.cycles.0);
+        let mut others = vec![(handler(&none, "TIMER0_COMPA").cycles.0, TICK)];
         if has_edges {
-            others.push((handler(&none, "TIMER0_COMPB").expect("edges").0, EDGE));
+            others.push((handler(&none, "TIMER0_COMPB").cycles.0, EDGE));
         }
         let masked = times(&none)
             .stretches
             .iter()
             .filter(|stretch| stretch.blocks == "INT0" && !stretch.begins.contains("__vector"));
         Self {
-            rest: empty - mask.cycles.0,
+            rest: looks.max().expect("the handler looks at INT"),
             masked: masked.map(|stretch| stretch.cycles.0).max().unwrap_or(0),
-            release,
+            release: release(&none),
+            short_release: release(&with(0, SHORT)),
             frame: further(&two) - further(&one),
             others,
         }
@@ -93,10 +95,12 @@ impl Reception {
 
     /// The longest time from the end of a frame to the release of its buffer, if frames come each
     /// `every` cycles. `None` if the backlog grows.
-    fn longest(&self, every: u32) -> Option<u32> {
+    fn longest(&self, every: u32, release: u32) -> Option<u32> {
+        // Or the handler has just looked for other frames.
+        let before = (self.rest + self.masked + INSTRUCTIONS).max(self.frame);
         let mut longest = 0;
         for frames in 0..MOST_FRAMES {
-            let own = self.rest + self.masked + INSTRUCTIONS + self.release + frames * self.frame;
+            let own = before + release + frames * self.frame;
             let mut window = own;
             while own + self.interrupted(window) > window {
                 window = own + self.interrupted(window);
@@ -106,7 +110,7 @@ impl Reception {
             };
             longest = longest.max(response);
             // Without a backlog the next frame finds what the first one found.
-            if window + self.frame - self.release.min(self.frame) <= (frames + 1) * every {
+            if window + self.frame - release.min(self.frame) <= (frames + 1) * every {
                 return Some(longest);
             }
         }
@@ -130,9 +134,9 @@ impl Reception {
     /// A row: the margins of two buffers for each length, and of one buffer.
     pub fn row(&self, name: &str) -> String {
         let every = |length: u32| (FRAME_BITS + 8 * length) * BIT;
-        let margin = |length: u32, buffers: u32| {
+        let margin = |length: u32, buffers: u32, release: u32| {
             let limit = i64::from(buffers * every(length));
-            match self.longest(every(length)) {
+            match self.longest(every(length), release) {
                 Some(longest) if i64::from(longest) <= limit => {
                     (limit - i64::from(longest)).to_string()
                 }
@@ -140,16 +144,35 @@ impl Reception {
                 None => "only tested".into(),
             }
         };
-        let shown = self.longest(every(2)).map_or("-".into(), |longest| longest.to_string());
+        let shown = self
+            .longest(every(SHORT), self.release)
+            .map_or("-".into(), |longest| longest.to_string());
         let mut row = format!(
             "| {name} | {} | {} | {} | {} | {shown} |",
             self.rest, self.masked, self.release, self.frame
         );
         for length in LENGTHS {
-            let _ = write!(row, " {} |", margin(length, 2));
+            let _ = write!(row, " {} |", margin(length, 2, self.release));
         }
-        let _ = writeln!(row, " {} |", margin(2, 1));
+        let _ = writeln!(row, " {} |", margin(SHORT, 1, self.short_release));
         row
+    }
+}
+
+fn handler<'a>(report: &'a Report, name: &str) -> &'a HandlerTime {
+    let found = times(report).handlers.iter().find(|handler| handler.interrupt == name);
+    found.unwrap_or_else(|| panic!("a handler of {name}"))
+}
+
+/// The loop that reads the identifier, and then so many bytes of data.
+fn reads(bytes: u32) -> Loop {
+    const IDENTIFIER: u32 = 4;
+    Loop {
+        function: "CanSpi::read".into(),
+        number: Some(1),
+        with: None,
+        at_most: bytes.max(IDENTIFIER) - 1,
+        reason: "the frame has no more bytes".into(),
     }
 }
 

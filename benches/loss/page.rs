@@ -152,22 +152,5 @@ pub fn part(rows: &[Row], chip: Chip, minutes: f64) -> String {
 
 /// Replaces the chip's part of docs/benchmarks.md, or appends it.
 pub fn write(part: &str, chip: Chip) {
-    let path = bench::root().join("docs/benchmarks.md");
-    let page = std::fs::read_to_string(&path)
-        .unwrap_or_else(|error| panic!("{} cannot be read: {error}", path.display()));
-    let page = replace_part(&page, &heading(chip), part);
-    std::fs::write(&path, page)
-        .unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
-}
-
-/// The page with this part in place of the one with the heading, or after the others.
-fn replace_part(page: &str, heading: &str, part: &str) -> String {
-    let begins = |at: usize| at + page[at..].find("\n## ").map_or(page[at..].len(), |end| end + 1);
-    let (before, after) = match page.find(heading) {
-        Some(at) => (&page[..at], &page[begins(at)..]),
-        None => (page, ""),
-    };
-    let gap = if after.is_empty() { "" } else { "\n" };
-    let before = before.trim_end();
-    format!("{before}\n\n{part}{gap}{after}")
+    rig::page::write_part(&heading(chip), part);
 }

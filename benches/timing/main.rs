@@ -475,11 +475,13 @@ fn write(file: &str, text: &str) {
         .unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
 }
 
-/// The parts of docs/benchmarks.md that the bench `loss` writes.
-fn losses() -> String {
+/// The parts of docs/benchmarks.md that other benches write, which are behind those of this one.
+fn others() -> String {
     let page =
         std::fs::read_to_string(bench::root().join("docs/benchmarks.md")).unwrap_or_default();
-    page.find("\n## Frames lost").map_or(String::new(), |at| page[at..].to_owned())
+    let parts = ["\n## Proved and observed", "\n## Frames lost"];
+    let begins = parts.iter().filter_map(|heading| page.find(heading)).min();
+    begins.map_or(String::new(), |at| page[at..].to_owned())
 }
 
 fn main() {
@@ -583,7 +585,7 @@ fn main() {
     turns(&mut page);
     page.push_str("\nThe speed of the simulation: [bench.md](bench.md#speed).\n");
     print!("{page}");
-    write("docs/benchmarks.md", &(page + &losses()));
+    write("docs/benchmarks.md", &(page + &others()));
     draw_latency(&firmwares);
     draw_loss(&firmwares);
     print!("\n{}", speeds());

@@ -10,6 +10,7 @@ pub mod flood;
 pub mod load;
 pub mod manage;
 pub mod observed;
+pub mod page;
 pub mod parallel;
 pub mod profile;
 pub mod queue;
