@@ -8,8 +8,8 @@
 pub struct Texts;
 
 /// A table of groups: `logs if condition { rows }`. Lines of a group `rejects` log that something
-/// was rejected; of a group `begins` or `ends`, that a condition begins or ends. A group `words(NAME = first)` has words to insert in a line, and a number selects
-/// one.
+/// was rejected; of a group `begins` or `ends`, that a condition begins or ends. A group
+/// `words(NAME = first)` has words to insert in a line, and a number selects one.
 macro_rules! lines {
     ($($what:ident $(($list:ident = $first:ident))? if $if:meta {
         $($(#[doc = $doc:literal])* $name:ident = $text:expr,)*

@@ -19,8 +19,8 @@ pub const LEN: u8 = 1 + ROOM as u8;
 /// each frame must not fill the bus. Meanwhile one message can wait; further ones are dropped.
 const PERIOD_MS: u16 = 500;
 
-/// Time that the serial monitor waits for a message, in milliseconds: enough for one that is sent at
-/// once, so that the next line can be kept, too.
+/// Time that the serial monitor waits for a message, in milliseconds: enough for one that is sent
+/// at once, so that the next line can be kept, too.
 const HOLD_MS: u16 = 20;
 
 /// The line that is being kept, or waits to be sent.
