@@ -129,7 +129,8 @@ fn a_silent_chip_is_logged_and_started_when_it_answers() {
         let mut rig = Rig::powered();
         rig.board().chip_power_off(floating);
         rig.run_ms(1000);
-        let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X})");
+        let cs = &rig::board().cs;
+        let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X}), CS {cs}");
         let logged = rig.serial.lines().filter(|logged| *logged == line).count();
         assert!(
             (5..=11).contains(&logged),

@@ -259,8 +259,8 @@ lines! {
     begins if all() {
         /// Two nodes command the output.
         TwoCommanders = "TWO COMMANDERS",
-        /// No chip answers on the SPI.
-        NotAnswering = "CAN: MCP2515 silent (CANSTAT %x)",
+        /// No chip answers on the SPI. Most often the CAN board has another CS pin.
+        NotAnswering = concat!("CAN: MCP2515 silent (CANSTAT %x), CS ", env!("NODE_CS")),
         /// A register did not read back as written.
         NotKeeping = "CAN: MCP2515 forgets register %x",
         /// The CAN controller did not enter normal mode.
