@@ -77,7 +77,10 @@ impl Counter {
                     (counter.registers, counter.constant) = (vec![r], k.into());
                 }
                 Op::Immediate(Immediate::Sbci, r, k)
-                    if !is_first && counter.registers.len() < 4 && counter.flag == 0 =>
+                    if !is_first
+                        && counter.flag == 0
+                        && counter.registers.len() < 4
+                        && !counter.registers.contains(&r) =>
                 {
                     counter.constant |= u32::from(k) << (8 * counter.registers.len());
                     counter.registers.push(r);

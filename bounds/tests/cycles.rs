@@ -190,3 +190,10 @@ fn the_time_from_the_last_look_at_a_pin_ends_with_reti() {
     let [look] = &times.handlers[0].looks[..] else { panic!("{times:?}") };
     assert_eq!((look.register, look.cycles.0), (0x29, 2 + 1 + 4));
 }
+
+/// SBCI leaves Z as SUBI has set it if its own result is zero, so this loop never ends.
+#[test]
+fn a_loop_that_subtracts_twice_from_a_register_is_no_countdown() {
+    let times = timed(NO_MAIN, "ldi r24, 20\n1: subi r24, 3\nsbci r24, 2\nbrne 1b", "");
+    assert!(!times.is_bounded(), "{times:?}");
+}
