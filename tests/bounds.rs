@@ -112,7 +112,7 @@ fn compiled(name: &str, optimisation: &str) -> PathBuf {
 
 #[test]
 fn programs_of_avr_gcc_stay_within_their_bounds() {
-    for name in ["state_machine", "nested"] {
+    for (name, handlers) in [("state_machine", 2), ("nested", 2), ("masks", 2), ("sort", 1)] {
         for optimisation in ["-Os", "-O1", "-O3"] {
             let elf = compiled(name, optimisation);
             let report = proved(&elf, "");
@@ -121,7 +121,8 @@ fn programs_of_avr_gcc_stay_within_their_bounds() {
             let observer = Observer::begin(&mut avr, report.times.as_ref().expect("times"));
             avr.run_until(2000 * MS);
             let observed = observer.observed();
-            assert!(observed.handlers.len() == 2 && observed.turns > 1000, "{observed:?}");
+            assert!(observed.handlers.len() == handlers, "{observed:?}");
+            assert!(observed.turns > 1000, "{observed:?}");
             check(&format!("{name} {optimisation}"), &observed.beside(&report));
         }
     }
