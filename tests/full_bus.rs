@@ -127,7 +127,7 @@ fn followed(outcome: &Outcome) -> (u64, u64) {
 }
 
 /// At 90 % of the bus, with random gaps between the frames. With all features a frame costs more,
-/// and a command may wait for 1 ms.
+/// and a command may wait for 1.1 ms.
 #[test]
 fn at_90_percent_of_a_full_bus_each_command_is_in_the_register_within_500_us() {
     let single = setups().filter(|setup| setup.outputs() == 1);
@@ -142,7 +142,7 @@ fn at_90_percent_of_a_full_bus_each_command_is_in_the_register_within_500_us() {
         let (frames, lost) = (outcome.frames(), outcome.meter.lost);
         // The node and the client send, too.
         let is_load = (85.0..97.0).contains(&outcome.busy_percent);
-        let most_us = if scenario.setup.preset == Preset::Full { 1000 } else { 500 };
+        let most_us = if scenario.setup.preset == Preset::Full { 1100 } else { 500 };
         (late_us > most_us || lost > 0 || !is_load).then(|| {
             let busy = outcome.busy_percent;
             format!("{late_us} us, {lost} of {frames} frames lost at {busy:.0} %")

@@ -15,8 +15,9 @@ use crate::hardware::OUTPUTS;
 pub const FRAMES_IN_A_ROW: u8 = 16;
 
 /// Frames after which an entry of a command is followed although more wait. With one output every
-/// second frame of a full bus leaves time to follow one. With eight a frame takes longer.
-pub const FRAMES_BEFORE_ENTRY: u8 = if OUTPUTS == 1 { 2 } else { FRAMES_IN_A_ROW };
+/// second frame of a full bus leaves time to follow one. With eight a frame takes longer, and more
+/// than every 24th leaves too little time for the shortest commands of motors.
+pub const FRAMES_BEFORE_ENTRY: u8 = if OUTPUTS == 1 { 2 } else { 24 };
 
 /// The work that is pending.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -171,8 +172,7 @@ mod tests {
 
     #[test]
     fn frames_come_before_everything_else_but_not_for_ever() {
-        let turns: Vec<Turn> =
-            turns(true, EVERYTHING).take(2 * FRAMES_IN_A_ROW as usize + 1).collect();
+        let turns: Vec<Turn> = turns(true, EVERYTHING).take(24 as usize + 1).collect();
         let frames = [Turn::ActOnFrame; FRAMES_IN_A_ROW as usize];
         assert_eq!(turns[..frames.len()], frames);
         assert_eq!(turns[frames.len()], Turn::Tick);

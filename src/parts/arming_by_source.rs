@@ -40,13 +40,20 @@ impl Arming {
         if !is_armed {
             self.disarmed_s = TIMEOUT_S;
         }
-        let of_id = |source: &Source| source.id == id;
-        let is_free = |source: &Source| source.armed_s == 0;
-        let at = self.sources.iter().position(of_id);
-        let at = at.or_else(|| self.sources.iter().position(is_free));
-        if let Some(source) = at.and_then(|at| self.sources.get_mut(at)) {
-            *source = Source { id, armed_s: if is_armed { TIMEOUT_S } else { 0 } };
-        }
+        // Its own place, or a free one.
+        let [first, second] = &mut self.sources;
+        let source = if first.id == id {
+            first
+        } else if second.id == id {
+            second
+        } else if first.armed_s == 0 {
+            first
+        } else if second.armed_s == 0 {
+            second
+        } else {
+            return;
+        };
+        *source = Source { id, armed_s: if is_armed { TIMEOUT_S } else { 0 } };
     }
 
     /// True if the last status of a node said that the vehicle is armed.

@@ -155,9 +155,9 @@ pub trait Received: Copy + PartialEq {
         u8::MAX
     }
 
-    /// For a type that is not a list: the number of payload bytes that the receiver leaves out
-    /// after the first three, which are `head`. With this a text that is of no use to the node does
-    /// not take the place of what follows it.
+    /// For a request, if [`TAKES_ENTRIES`](Self::TAKES_ENTRIES): the number of payload bytes that
+    /// the receiver leaves out after the first three, with which `head` begins. So a text that is
+    /// of no use to the node does not take the place of what follows it.
     #[inline(always)]
     fn left_out(self, _head: &[u8]) -> u8 {
         0
@@ -287,7 +287,9 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         }
         lane.tail = tail;
         lane.expires_ms = expires_ms;
-        if K::TAKES_ENTRIES {
+        if K::TAKES_ENTRIES && kind.is_request() {
+            lane.take_request(payload);
+        } else if K::TAKES_ENTRIES {
             lane.take_entries(payload, entry_len, slot_of);
         } else {
             lane.take(payload, entry_len, slot_of);

@@ -223,6 +223,7 @@ impl Outputs {
                     && followed.commander != 0
                     && followed.has_followed_within(SECOND_MS, now_ms);
                 followed.commander = source;
+                self.commander_bits |= super::bit(source.into());
             }
             if update::IS_THERE {
                 self.recent_s = RECENT_S;

@@ -167,9 +167,12 @@ impl Outputs {
     }
 
     /// True if a node is the last whose command an output followed.
-    #[inline(always)]
+    #[inline(never)]
     pub fn has_commander(&self, id: u8) -> bool {
-        arming::IS_BY_SOURCE && id != 0 && self.each.iter().any(|output| output.commander == id)
+        arming::IS_BY_SOURCE
+            && id != 0
+            && self.commander_bits & bit(id.into()) != 0
+            && self.each.iter().any(|output| output.commander == id)
     }
 
     /// Acts on a SafetyState. While it says safe, silence is expected, and the outputs do what

@@ -93,6 +93,9 @@ const NO_SLOT: Slot = Slot { at: 0, bit: 0 };
 /// The outputs.
 pub struct Outputs {
     each: [Output; OUTPUTS],
+    /// For each commander that an output ever had, the bit with the number of its node ID modulo 8:
+    /// the status of most other nodes is refused without a look at each output.
+    commander_bits: u8,
     /// OUT_COUNT at the start.
     used: u8,
     /// Outputs whose entry waits to be followed: bit n is output n.
@@ -140,6 +143,7 @@ impl Outputs {
     pub const fn new() -> Self {
         Self {
             each: [Output::NONE; OUTPUTS],
+            commander_bits: 0,
             used: 0,
             waiting: 0,
             firsts: 0,
@@ -312,7 +316,7 @@ impl Outputs {
     }
 }
 
-/// The bit of an output in a set of outputs. The AVR shifts by one place at a time, so this takes
+/// The bit of an output in a set of outputs, or of a node ID modulo 8. The AVR shifts by one place at a time, so this takes
 /// half as long as a shift by a variable.
 #[inline(always)]
 const fn bit(output: usize) -> u8 {

@@ -216,8 +216,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         (self.len, self.kept_at) = (len, kept_at);
     }
 
-    /// The same in less time: looks up the slot once for all bytes of an entry. Leaves out what
-    /// [`Received::left_out`] says.
+    /// The same in less time: looks up the slot once for all bytes of an entry.
     #[inline(always)]
     pub(super) fn take_entries(
         &mut self,
@@ -242,13 +241,6 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                     }
                 }
                 run = run.min(entry_len - len);
-            } else if self.entries != 0 {
-                let skipped = run.min(self.entries);
-                self.entries -= skipped;
-                rest = rest.get(usize::from(skipped)..).unwrap_or(&[]);
-                continue;
-            } else if len < HEAD_LEN {
-                run = run.min(HEAD_LEN - len);
             }
             let Some((taken, later)) = rest.split_at_checked(usize::from(run)) else { break };
             rest = later;
@@ -260,10 +252,30 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             if len == entry_len {
                 len = 0;
                 self.entries = self.entries.wrapping_add(1);
-            } else if entry_len == 0 && len == HEAD_LEN {
-                self.entries = self.kind.left_out(&self.bytes);
             }
         }
         (self.len, self.kept_at) = (len, kept_at);
+    }
+
+    /// Adds payload bytes of a request, without what [`Received::left_out`] says. A function of its
+    /// own, because nothing else that is received has to be as fast as commands.
+    #[inline(never)]
+    pub(super) fn take_request(&mut self, payload: &[u8]) {
+        for &byte in payload {
+            if self.is_open {
+                self.sum = crc::add(self.sum, byte);
+            }
+            if self.entries != 0 {
+                self.entries -= 1;
+                continue;
+            }
+            if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
+                *place = byte;
+            }
+            self.len = self.len.saturating_add(1);
+            if self.len == HEAD_LEN {
+                self.entries = self.kind.left_out(&self.bytes);
+            }
+        }
     }
 }
