@@ -351,12 +351,8 @@ mod tests {
     }
 
     #[test]
-    fn the_readme_names_every_key_of_the_help() {
-        let readme = include_str!("../../../README.md");
-        let paragraph =
-            readme.split("\n\n").find(|text| text.starts_with("Keys in `make sim`")).unwrap();
-        for name in HELP.iter().flat_map(|(names, _)| names.split(' ')) {
-            assert!(paragraph.contains(&format!("`{name}`")), "{name} is not in README.md");
-        }
+    fn the_readme_names_the_key_that_shows_the_others() {
+        assert!(HELP.iter().any(|(names, _)| names.split(' ').any(|name| name == "h")));
+        assert!(include_str!("../../../README.md").contains("h shows the keys"));
     }
 }
