@@ -172,7 +172,8 @@ mod tests {
 
     #[test]
     fn frames_come_before_everything_else_but_not_for_ever() {
-        let turns: Vec<Turn> = turns(true, EVERYTHING).take(24 as usize + 1).collect();
+        let turns: Vec<Turn> =
+            turns(true, EVERYTHING).take(2 * FRAMES_IN_A_ROW as usize + 1).collect();
         let frames = [Turn::ActOnFrame; FRAMES_IN_A_ROW as usize];
         assert_eq!(turns[..frames.len()], frames);
         assert_eq!(turns[frames.len()], Turn::Tick);
