@@ -316,8 +316,8 @@ impl Outputs {
     }
 }
 
-/// The bit of an output in a set of outputs, or of a node ID modulo 8. The AVR shifts by one place at a time, so this takes
-/// half as long as a shift by a variable.
+/// The bit of an output in a set of outputs, or of a node ID modulo 8. The AVR shifts by one place
+/// at a time, so this takes half as long as a shift by a variable.
 #[inline(always)]
 const fn bit(output: usize) -> u8 {
     let mut bit = 1u8;
