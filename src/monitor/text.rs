@@ -276,7 +276,7 @@ lines! {
         /// The CAN controller is error-passive.
         ErrorPassive = "CAN: error-passive",
         /// Values in the EEPROM were lost or out of range. The defaults apply to them.
-        ParametersLost = "parameters lost, defaults",
+        ParametersLost = "parameters lost",
         /// The failsafe begins.
         Failsafe = "FAILSAFE: no commands",
         /// The temperature leaves its range.

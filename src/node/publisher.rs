@@ -1,7 +1,7 @@
-//! When the node sends its messages: their order, rates and transfer IDs.
-//! [`messages`](super::messages) has their payloads.
+//! When the node sends its [`messages`](super::messages): their order, rates and transfer IDs.
 
 use dronecan_wire::Tail;
+#[allow(unused_imports, reason = "the draft has no type of v0")]
 use dronecan_wire::types::{self, Message};
 
 use super::Node;

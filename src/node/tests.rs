@@ -632,6 +632,26 @@ fn every_bit_pattern_of_a_command_leaves_the_pulse_within_the_travel() {
     }
 }
 
+/// ArduPilot leaves out channels without a pulse while it is disarmed, and does not arm while the
+/// node is at ERROR.
+#[cfg(feature = "standard")]
+#[test]
+fn a_missing_command_is_no_error_while_the_autopilot_says_that_it_is_disarmed() {
+    for (status, level) in [(Some(0), 0), (Some(255), 2), (None, 2)] {
+        let mut rig = Rig::new();
+        rig.command(PWM, 1500.0);
+        for _ in 0..6 {
+            if let Some(status) = status {
+                rig.hear(&golden::frame(0x1804_4C0A, &[status, 0xC0]));
+            }
+            rig.run(500);
+        }
+        assert_eq!((rig.code(), rig.level()), (1 << 10, level), "{status:?}");
+        rig.run(5000);
+        assert_eq!(rig.level(), 2, "no ArmingStatus any more");
+    }
+}
+
 #[test]
 fn commands_that_cannot_be_followed_are_refused_and_counted() {
     let mut rig = Rig::new();

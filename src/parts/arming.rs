@@ -4,7 +4,7 @@ use crate::node::parameters::{Parameter, Parameters};
 
 /// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot
 /// sends two a second.
-const TIMEOUT_S: u8 = 4;
+const TIMEOUT_S: i8 = 4;
 
 /// ArmingStatus.status: fully armed (DSDL uavcan/equipment/safety/1100.ArmingStatus.uavcan).
 const FULLY_ARMED: u8 = 255;
@@ -14,8 +14,9 @@ pub const IS_BY_SOURCE: bool = false;
 
 /// The arming of the vehicle.
 pub struct Arming {
-    /// Seconds that the vehicle still counts as armed.
-    armed_s: u8,
+    /// Seconds that the vehicle still counts as armed. Less than 0: that it was said to be
+    /// disarmed.
+    armed_s: i8,
 }
 
 impl Arming {
@@ -27,19 +28,19 @@ impl Arming {
     /// Acts on the status of an ArmingStatus.
     #[inline(always)]
     pub fn act_on_status(&mut self, _id: u8, status: u8) {
-        self.armed_s = if status == FULLY_ARMED { TIMEOUT_S } else { 0 };
+        self.armed_s = if status == FULLY_ARMED { TIMEOUT_S } else { -TIMEOUT_S };
     }
 
     /// True if the last ArmingStatus said that the vehicle is armed.
     #[inline(always)]
     pub fn is_armed(&self) -> bool {
-        self.armed_s != 0
+        self.armed_s > 0
     }
 
     /// True if ARM_REQ requires an armed vehicle, and the vehicle is disarmed.
     #[inline(never)]
     pub fn is_disarmed(&self, parameters: &Parameters) -> bool {
-        self.armed_s == 0 && parameters.is_on(Parameter::ArmReq)
+        self.armed_s <= 0 && parameters.is_on(Parameter::ArmReq)
     }
 
     /// The same as [`is_armed`](Self::is_armed).
@@ -54,15 +55,20 @@ impl Arming {
         self.is_disarmed(parameters)
     }
 
-    /// False: not remembered.
+    /// True if an ArmingStatus of the last four seconds says that the vehicle is disarmed.
+    #[inline(always)]
     pub fn is_said_disarmed(&self) -> bool {
-        false
+        self.armed_s < 0
     }
 
     /// Counts down the timeout. Call once a second.
     #[inline(always)]
     pub fn second(&mut self) {
-        self.armed_s = self.armed_s.saturating_sub(1);
+        match self.armed_s {
+            0 => {}
+            disarmed if disarmed < 0 => self.armed_s = disarmed.wrapping_add(1),
+            armed => self.armed_s = armed.wrapping_sub(1),
+        }
     }
 }
 

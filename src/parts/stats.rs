@@ -15,7 +15,12 @@ pub struct Stats {
 /// Increments a counter.
 #[inline(never)]
 fn count(counter: &mut u32) {
-    *counter = counter.wrapping_add(1);
+    // In halves, as there is seldom a carry: on a full bus every cycle of a frame counts.
+    let (low, has_carry) = (*counter as u16).overflowing_add(1);
+    *counter = *counter & 0xFFFF_0000 | u32::from(low);
+    if has_carry {
+        *counter = counter.wrapping_add(1 << 16);
+    }
 }
 
 /// Bytes of the counters in a GetTransportStats response: those of the transfers, and three of the
@@ -31,12 +36,7 @@ impl Stats {
     /// Counts a transfer that was received complete.
     #[inline(always)]
     pub fn count_received(&mut self) {
-        // In halves, as there is seldom a carry: on a full bus every cycle of a frame counts.
-        let (low, has_carry) = (self.received as u16).overflowing_add(1);
-        self.received = self.received & 0xFFFF_0000 | u32::from(low);
-        if has_carry {
-            self.received = self.received.wrapping_add(1 << 16);
-        }
+        count(&mut self.received);
     }
 
     /// Counts a transfer that was sent complete.
