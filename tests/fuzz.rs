@@ -293,7 +293,8 @@ fn after_random_frames_the_node_answers_and_the_servo_has_not_moved() {
     // Many frames come back to back, and now and then the controller restarts for other filters.
     // The program with all features needs more time for each (docs/decisions.md, "One-frame
     // commands on a full bus").
-    let allowed = sent / if rig::has_all_features() { 10_000 } else { 100_000 };
+    // One of a short run says nothing about the rate.
+    let allowed = 1 + sent / if rig::has_all_features() { 10_000 } else { 100_000 };
     assert!(u64::from(lost) <= allowed, "{lost} frames lost of {sent}");
     assert!(u32::from(used) <= Budget::of(rig::board().chip).statics_and_stack, "{used} B");
 }
