@@ -33,7 +33,6 @@ SHIPPED := default remote thesis
 UNO := --board uno --shield seeed
 UNO_MODULE := --board uno --shield module
 ON_UNO := bounds budget bus_faults controller full_bus load restart servo update update_clients
-ON_UNO_MODULE := budget controller load loader parameters restart servo temperature
 # The tests' board.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 VENV := .venv
@@ -236,7 +235,6 @@ test-firmware: firmware
 # The same tests for the boards with an ATmega328P.
 test-uno:
 	NODE_BOARD=uno NODE_SHIELD=seeed cargo test -p tests -p bridge $(addprefix --test ,$(ON_UNO)) $(LONG_TESTS)
-	NODE_BOARD=uno NODE_SHIELD=module cargo test -p tests -p bridge $(addprefix --test ,$(ON_UNO_MODULE)) $(LONG_TESTS)
 
 # They mostly wait for real time. Their node is on the default board.
 CLIENTS := not long
