@@ -102,7 +102,7 @@ def test_it_gets_the_same_id_after_a_restart(bench, boards_without_id):
     request.magic_number = request.MAGIC_NUMBER
     assert client.ask(request, node_id).ok
     client.spin(4)
-    assert len(re.findall(r" reset: ", used.text())) == 2
+    assert len(re.findall(r", reset: ", used.text())) == 2
     assert allocator.allocated() == entries
     assert client.get("CAN_NODE", node=node_id) == 0
 
