@@ -104,6 +104,12 @@ impl Rig {
         self.frames(&[golden::frame(0x1001_5500 | source, &[1, 0, 0, 0, 0, 0, 0, 0xC0])]);
     }
 
+    /// The frames sent with this identifier.
+    fn sent(&self, id: u32) -> Vec<Frame> {
+        let sent = self.can.sent.iter().map(|(_, frame)| *frame);
+        sent.filter(|frame| golden::id(frame) == id).collect()
+    }
+
     /// The transfers sent with this identifier: the time of the last frame, the payload and the
     /// transfer ID.
     fn transfers(&self, id: u32, signature: u64) -> Vec<(u32, Vec<u8>, u8)> {
@@ -960,14 +966,8 @@ fn by_default_it_sends_ten_actuator_statuses_and_a_temperature_a_second() {
 fn the_golden_temperature_is_sent() {
     let mut rig = Rig::new();
     rig.run(3500);
-    let mut temperatures = rig
-        .can
-        .sent
-        .iter()
-        .map(|(_, frame)| frame)
-        .filter(|frame| golden::id(frame) == TEMPERATURE);
     // The third temperature has transfer ID 2.
-    assert_eq!(golden::text(temperatures.next_back()), "18045678 01 00 A9 5C 00 C2");
+    assert_eq!(golden::text(rig.sent(TEMPERATURE).last()), "18045678 01 00 A9 5C 00 C2");
 }
 
 #[test]
@@ -1011,10 +1011,8 @@ fn the_golden_can_stats_are_sent() {
     let mut rig = Rig::with(&[(Parameter::StatsRate, 1)]);
     rig.can.counters.0 = [1, 2, 2, 3, 4, 5, 6, 7, 8, 8, 9, 10, 11];
     rig.run(1500);
-    let stats =
-        rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| golden::id(frame) == CAN_STATS);
     assert_eq!(
-        golden::text(stats),
+        golden::text(&rig.sent(CAN_STATS)),
         "18015778 73 A5 00 01 00 02 00 80 | 02 00 03 00 04 00 05 20 | 00 06 00 07 00 08 00 00 | \
          08 00 09 00 0A 00 60"
     );
@@ -1030,15 +1028,8 @@ fn each_press_of_the_button_sends_its_count() {
         rig.is_pressed = false;
         rig.run(50);
     }
-    let presses: Vec<_> = rig
-        .can
-        .sent
-        .iter()
-        .map(|(_, frame)| *frame)
-        .filter(|frame| golden::id(frame) == KEY_VALUE)
-        .collect();
     assert_eq!(
-        golden::text(&presses),
+        golden::text(&rig.sent(KEY_VALUE)),
         golden::text(
             &[
                 golden::frames("183FF278 00 00 80 3F 62 74 6E C0"),
@@ -1057,14 +1048,7 @@ fn a_pressed_button_is_sent_ten_times_a_second_with_its_time() {
     rig.run(350);
     rig.is_pressed = false;
     rig.run(500);
-    let sent: Vec<_> = rig
-        .can
-        .sent
-        .iter()
-        .map(|(_, frame)| *frame)
-        .filter(|frame| golden::id(frame) == 0x184E_2178)
-        .collect();
-    assert_eq!(golden::text(&sent), "184E2178 01 01 C0 | 01 02 C1 | 01 03 C2");
+    assert_eq!(golden::text(&rig.sent(0x184E_2178)), "184E2178 01 01 C0 | 01 02 C1 | 01 03 C2");
 }
 
 #[test]

@@ -10,6 +10,8 @@ use crate::node::parameters::OutputParameter;
 const ARRAY_COMMAND: u32 = 0x1003_F20A;
 const RAW_COMMAND: u32 = 0x0704_060A;
 const ARMING_STATUS: u32 = 0x1804_4C0A;
+#[cfg(feature = "log")]
+const LOG_MESSAGE: u32 = 0x183F_FF78;
 const PWM: u8 = 4;
 
 /// A node with eight outputs in use.
@@ -456,24 +458,6 @@ fn an_update_is_accepted_from_a_disarmed_autopilot_and_called_off_if_it_arms_bef
     assert!(rig.is_to_restart, "commanded, and disarmed");
 }
 
-/// A parachute would open.
-/// The debug.LogMessages that the node has sent: their times, levels and texts.
-#[cfg(feature = "log")]
-fn told(rig: &Rig) -> Vec<(u32, u8, String)> {
-    let mut told = Vec::new();
-    let mut frames = Vec::new();
-    for (ms, frame) in rig.can.sent.iter().filter(|(_, frame)| golden::id(frame) == 0x183F_FF78) {
-        frames.push(*frame);
-        if frame.data().last().is_some_and(|tail| tail & 0x40 != 0) {
-            let (payload, _) = golden::payload(golden::LOG_MESSAGE, &frames);
-            let text = String::from_utf8(payload[1..].to_vec()).unwrap();
-            told.push((*ms, payload[0] >> 5, text));
-            frames.clear();
-        }
-    }
-    told
-}
-
 #[cfg(feature = "log")]
 #[test]
 fn a_failsafe_is_told_when_it_begins_and_ends_and_not_more_than_twice_a_second() {
@@ -482,8 +466,11 @@ fn a_failsafe_is_told_when_it_begins_and_ends_and_not_more_than_twice_a_second()
     rig.run(2000);
     rig.widths(&[(1, 1500)]);
     rig.run(900);
-    let told = told(&rig);
-    let texts: Vec<_> = told.iter().map(|(_, level, text)| (*level, text.as_str())).collect();
+    let told = rig.transfers(LOG_MESSAGE, golden::LOG_MESSAGE);
+    let texts: Vec<_> = told
+        .iter()
+        .map(|(_, payload, _)| (payload[0] >> 5, std::str::from_utf8(&payload[1..]).unwrap()))
+        .collect();
     assert_eq!(
         texts,
         [
@@ -525,6 +512,7 @@ fn a_lost_frame_is_no_warning_while_each_output_gets_its_next_command_within_50_
     assert_eq!(rig.level(), 1, "without commands");
 }
 
+/// A parachute would open.
 #[test]
 fn a_restart_moves_no_output_that_follows_no_command() {
     let mut rig = hub();
