@@ -167,23 +167,25 @@ impl Outputs {
     fn blocked(&self, source: u8, parameters: &Parameters) -> Line {
         if self.arming.is_disarmed_by(source, parameters) {
             Line::RefusedDisarmed
-        } else if self.safety.is_safe() {
-            Line::RefusedSafe
         } else {
-            Line::NONE
+            self.blocked_by_switch()
         }
     }
 
     /// The same for motors, which need an armed vehicle whatever ARM_REQ says.
     #[inline(always)]
     fn blocked_motor(&self, source: u8) -> Line {
-        if !self.arming.is_armed_by(source) {
-            Line::RefusedDisarmed
-        } else if self.safety.is_safe() {
-            Line::RefusedSafe
+        if self.arming.is_armed_by(source) {
+            self.blocked_by_switch()
         } else {
-            Line::NONE
+            Line::RefusedDisarmed
         }
+    }
+
+    /// The line for the reason to reject all commands while the safety switch is on.
+    #[inline(always)]
+    fn blocked_by_switch(&self) -> Line {
+        if self.safety.is_safe() { Line::RefusedSafe } else { Line::NONE }
     }
 
     /// True if an entry waits to be followed.
