@@ -230,7 +230,8 @@ impl Board for Arduino {
 
     #[inline(always)]
     fn send_frame(&mut self, frame: &Frame) {
-        // While the interrupts of several outputs take time, a frame must not wait too long.
+        // The interrupts of several outputs take time. So a received frame waits only for half of
+        // this one.
         if OUTPUTS == 1 {
             self.bus.controller(|can| can.transmit(frame));
         } else {

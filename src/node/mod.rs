@@ -230,7 +230,7 @@ impl Node {
             monitor.log_line(Line::Button).set_a(self.button.count());
             self.publisher.publish(dialect::PRESSES);
         }
-        if self.button.is_held(passed_ms) {
+        if self.button.counts_tenth(passed_ms) {
             self.publisher.publish(Publication::Button);
         }
     }

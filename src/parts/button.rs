@@ -47,7 +47,7 @@ impl Button {
     /// Counts the time of a press, after [`tick`](Self::tick). Returns true at each tenth of a
     /// second.
     #[inline(always)]
-    pub fn is_held(&mut self, passed_ms: u8) -> bool {
+    pub fn counts_tenth(&mut self, passed_ms: u8) -> bool {
         if !self.is_pressed {
             return false;
         }
@@ -89,7 +89,7 @@ mod tests {
         for (level, ms) in [(true, 1150), (false, 500), (true, 240), (false, 50)] {
             for _ in 0..ms / 2 {
                 button.tick(level, 2);
-                if button.is_held(2) {
+                if button.counts_tenth(2) {
                     times.push(button.press_time_ds());
                 }
             }
@@ -97,7 +97,7 @@ mod tests {
         assert_eq!(times, [1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 1, 2]);
         for _ in 0..30_000 {
             button.tick(true, 1);
-            button.is_held(1);
+            button.counts_tenth(1);
         }
         assert_eq!(button.press_time_ds(), 255);
     }

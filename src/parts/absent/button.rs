@@ -16,7 +16,7 @@ impl Button {
     }
 
     /// False.
-    pub fn is_held(&mut self, _passed_ms: u8) -> bool {
+    pub fn counts_tenth(&mut self, _passed_ms: u8) -> bool {
         false
     }
 
