@@ -9,6 +9,7 @@ use anyhow::{Context, Error, Result, bail};
 use object::LittleEndian;
 use object::elf::FileHeader32;
 use object::read::elf::{FileHeader, SectionHeader};
+use sim_base::{DEVICE_NOTE, device_of_note};
 
 /// A chip that the analysis knows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -40,7 +41,8 @@ impl Chip {
             return Ok(None);
         };
         let note = section.data(endian, elf).context("a section outside the file")?;
-        device(note).map(|name| name.parse()).transpose()
+        let name = device_of_note(note).and_then(|name| str::from_utf8(name).ok());
+        name.map(str::parse).transpose()
     }
 
     /// Bytes of flash.
@@ -70,22 +72,6 @@ impl FromStr for Chip {
             _ => bail!("{name}: the analysis knows atmega168 and atmega328p only"),
         }
     }
-}
-
-const DEVICE_NOTE: &[u8] = b".note.gnu.avr.deviceinfo";
-
-/// The name of the device in the note, which has the name "AVR", the addresses and sizes of three
-/// memories, a table of offsets, and texts. The first offset is that of the device's name
-/// (binutils, include/elf/avr.h).
-fn device(note: &[u8]) -> Option<&str> {
-    const TABLE_BYTES_AT: usize = 40;
-    const TABLE_AT: usize = 44;
-    let word =
-        |at: usize| Some(u32::from_le_bytes(note.get(at..at + 4)?.try_into().ok()?) as usize);
-    let texts = TABLE_BYTES_AT.checked_add(word(TABLE_BYTES_AT)?)?;
-    let text = note.get(texts.checked_add(word(TABLE_AT)?)?..)?;
-    let name = text.split(|byte| *byte == 0).next()?;
-    std::str::from_utf8(name).ok().filter(|name| !name.is_empty())
 }
 
 /// First address of RAM behind the registers, in the data space.

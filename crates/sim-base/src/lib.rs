@@ -1,9 +1,11 @@
 #![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
+mod device;
 mod duration;
 mod noise;
 
+pub use device::{DEVICE_NOTE, device_of_note};
 pub use duration::parse_seconds;
 pub use noise::Noise;
 
