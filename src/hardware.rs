@@ -44,6 +44,22 @@ pub const OUTPUT_PINS: [Pin; OUTPUTS] = {
     }
     pins
 };
+/// The table of [`OUTPUT_PINS`] in flash: the port and the mask of each. A single output needs none.
+pub struct OutputPins;
+/// Bytes of the table.
+const PACKED_LEN: usize = if OUTPUTS == 1 { 0 } else { 2 * OUTPUTS };
+/// The table.
+pub const PACKED_OUTPUT_PINS: [u8; PACKED_LEN] = {
+    let mut packed = [0; PACKED_LEN];
+    let mut at = 0;
+    while at < PACKED_LEN {
+        let pin = OUTPUT_PINS[at / 2];
+        packed[at] = pin.port;
+        packed[at + 1] = pin.mask();
+        at += 2;
+    }
+    packed
+};
 /// The light (OC2B). `None` if INT is on its pin.
 pub const LIGHT: Option<Pin> =
     if env!("NODE_LIGHT").is_empty() { None } else { Some(Pin::named(env!("NODE_LIGHT"))) };
@@ -91,7 +107,7 @@ impl Input {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pin {
     /// `B`, `C` or `D`.
-    pub port: char,
+    pub port: u8,
     /// 0 to 7.
     pub bit: u8,
 }
@@ -102,9 +118,9 @@ impl Pin {
         let (kind, number) = name.split_at(1);
         let number = decimal(number);
         match (kind.as_bytes()[0], number) {
-            (b'D', 0..=7) => Self { port: 'D', bit: number },
-            (b'D', 8..=13) => Self { port: 'B', bit: number - 8 },
-            (b'A', 0..=5) => Self { port: 'C', bit: number },
+            (b'D', 0..=7) => Self { port: b'D', bit: number },
+            (b'D', 8..=13) => Self { port: b'B', bit: number - 8 },
+            (b'A', 0..=5) => Self { port: b'C', bit: number },
             _ => panic!("no pin of the Arduino has this name"),
         }
     }
@@ -129,12 +145,12 @@ mod tests {
     #[test]
     fn pins_have_the_places_that_the_arduino_gives_them() {
         for (name, port, bit) in [
-            ("D0", 'D', 0),
-            ("D7", 'D', 7),
-            ("D8", 'B', 0),
-            ("D10", 'B', 2),
-            ("D13", 'B', 5),
-            ("A5", 'C', 5),
+            ("D0", b'D', 0),
+            ("D7", b'D', 7),
+            ("D8", b'B', 0),
+            ("D10", b'B', 2),
+            ("D13", b'B', 5),
+            ("A5", b'C', 5),
         ] {
             assert_eq!(Pin::named(name), Pin { port, bit }, "{name}");
         }

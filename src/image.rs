@@ -1,6 +1,7 @@
 //! Joins all tables of constants into the one image that lies in flash (see
 //! [`progmem`](crate::progmem)).
 
+use crate::hardware::{OutputPins, PACKED_OUTPUT_PINS};
 use crate::monitor::text::Texts;
 use crate::monitor::{TEXTS, TextsAndNames};
 use crate::node::acceptance::{self, Filters};
@@ -35,12 +36,22 @@ impl<P: Progmem<Texts> + Progmem<Descriptions>> TextsAndNames for P {
     const NAMES: u16 = Descriptions::BEGIN - Texts::BEGIN + parameters::NAMES;
 }
 
-const LEN: usize = Filters::BEGIN as usize + acceptance::PACKED.len();
+impl Table for OutputPins {
+    const BEGIN: u16 = Filters::BEGIN + acceptance::PACKED.len() as u16;
+}
+
+const LEN: usize = OutputPins::BEGIN as usize + PACKED_OUTPUT_PINS.len();
 
 /// All tables, one after the other.
 pub const IMAGE: [u8; LEN] = {
     let mut image = [0; LEN];
-    let parts: [&[u8]; 4] = [&information::PACKED, TEXTS, &parameters::PACKED, &acceptance::PACKED];
+    let parts: [&[u8]; 5] = [
+        &information::PACKED,
+        TEXTS,
+        &parameters::PACKED,
+        &acceptance::PACKED,
+        &PACKED_OUTPUT_PINS,
+    ];
     let (mut at, mut part) = (0, 0);
     while part < parts.len() {
         let mut n = 0;

@@ -30,6 +30,7 @@ mod edges;
 
 use super::chip::{PORTB, PORTC, PORTD, TC1};
 use super::clock::TOP as TIMER0_TOP;
+use super::flash::Image;
 use super::pins::ServoSignal;
 use super::timer1;
 use edges::{
@@ -37,10 +38,11 @@ use edges::{
     Switched, TICKS_OF_TIMER0, USED, enable_interrupt, modulo, modulo_of_pulse, other_falls, plus,
     tc0, tc1,
 };
-use firmware::hardware::{OUTPUT_PINS, OUTPUTS, Pin};
+use firmware::hardware::{OUTPUTS, OutputPins};
 use firmware::node::parameters::{Parameter, Parameters};
 use firmware::parts::outputs::Pulses;
 use firmware::parts::outputs::travel::Ticks;
+use firmware::progmem::Progmem;
 
 pub use edges::finish;
 
@@ -89,8 +91,11 @@ impl Outputs {
         schedule.slots = count as u8;
         schedule.change = schedule.moment(period.wrapping_sub(CHANGE_AHEAD));
         let mut at = 0;
-        for (n, pin) in OUTPUT_PINS.into_iter().enumerate() {
-            let (port, mask) = (port_of(pin), pin.mask());
+        let mut pin_at = 0;
+        for n in 0..OUTPUTS {
+            let port = registers_of(Progmem::<OutputPins>::byte(Image, pin_at)).wrapping_add(PORTX);
+            let mask = Progmem::<OutputPins>::byte(Image, pin_at + 1);
+            pin_at += 2;
             let before = modulo((at / TICKS_OF_TIMER0).wrapping_add(TIMER0_TOP.into()));
             schedule.outputs[n] = Switched { port, mask, rise: schedule.moment(at), before };
             at += SLOT;
@@ -116,16 +121,16 @@ impl Outputs {
     }
 }
 
-/// PORTx of a pin.
-fn port_of(pin: Pin) -> *mut u8 {
-    /// Offset of PORTx in the registers of a port; PINx is the first.
-    const PORTX: usize = 2;
-    let registers = match pin.port {
-        'B' => PORTB::PTR.cast_mut().cast::<u8>(),
-        'C' => PORTC::PTR.cast_mut().cast::<u8>(),
+/// Offset of PORTx in the registers of a port; PINx is the first.
+const PORTX: usize = 2;
+
+/// The registers of port `B`, `C` or `D`.
+fn registers_of(port: u8) -> *mut u8 {
+    match port {
+        b'B' => PORTB::PTR.cast_mut().cast::<u8>(),
+        b'C' => PORTC::PTR.cast_mut().cast::<u8>(),
         _ => PORTD::PTR.cast_mut().cast::<u8>(),
-    };
-    registers.wrapping_add(PORTX)
+    }
 }
 
 impl Pulses for Outputs {

@@ -35,7 +35,7 @@ const OUTPUTS: [Option<Pin>; 7] =
 const HIGH: [Option<Pin>; 4] = [Some(CAN_SELECT), Some(TXD), Some(CAN_INTERRUPT), Some(BUTTON)];
 
 /// The bits of a port among `pins`.
-const fn mask(pins: &[Option<Pin>], port: char) -> u8 {
+const fn mask(pins: &[Option<Pin>], port: u8) -> u8 {
     let mut mask = 0;
     let mut n = 0;
     while n < pins.len() {
@@ -53,7 +53,7 @@ const fn mask(pins: &[Option<Pin>], port: char) -> u8 {
 /// # Safety
 ///
 /// The caller must own the pin of this bit. `PORT` and `BIT` must be constants of an [`Output`].
-unsafe fn set<const PORT: char, const BIT: u8>(is_high: bool) {
+unsafe fn set<const PORT: u8, const BIT: u8>(is_high: bool) {
     macro_rules! write {
         ($registers:ident, $portx:ident) => {{
             // Safety: `Pins::new` has consumed the port, so only this module uses it, and the
@@ -68,20 +68,20 @@ unsafe fn set<const PORT: char, const BIT: u8>(is_high: bool) {
         }};
     }
     match PORT {
-        'B' => write!(PORTB, portb),
-        'C' => write!(PORTC, portc),
+        b'B' => write!(PORTB, portb),
+        b'C' => write!(PORTC, portc),
         _ => write!(PORTD, portd),
     }
 }
 
 /// Returns true if the bit of PINx is 1.
-fn is_high<const PORT: char, const BIT: u8>() -> bool {
+fn is_high<const PORT: u8, const BIT: u8>() -> bool {
     // Safety: this only reads PINx, which has no side effect, so the owner of the port does not
     // matter.
     let pins = unsafe {
         match PORT {
-            'B' => PORTB::steal().pinb().read().bits(),
-            'C' => PORTC::steal().pinc().read().bits(),
+            b'B' => PORTB::steal().pinb().read().bits(),
+            b'C' => PORTC::steal().pinc().read().bits(),
             _ => PORTD::steal().pind().read().bits(),
         }
     };
@@ -89,12 +89,12 @@ fn is_high<const PORT: char, const BIT: u8>() -> bool {
 }
 
 /// An output pin.
-pub struct Output<const PORT: char, const BIT: u8>(());
+pub struct Output<const PORT: u8, const BIT: u8>(());
 
 /// An input pin with its pull-up.
-pub struct Input<const PORT: char, const BIT: u8>(());
+pub struct Input<const PORT: u8, const BIT: u8>(());
 
-impl<const PORT: char, const BIT: u8> Output<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> Output<PORT, BIT> {
     /// Makes a value of the pin without [`Pins`].
     ///
     /// # Safety
@@ -105,32 +105,32 @@ impl<const PORT: char, const BIT: u8> Output<PORT, BIT> {
     }
 }
 
-impl<const PORT: char, const BIT: u8> Input<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> Input<PORT, BIT> {
     /// Makes a value of the pin. Reading has no side effect, so there may be several values.
     pub const fn new() -> Self {
         Self(())
     }
 }
 
-impl<const PORT: char, const BIT: u8> Output<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> Output<PORT, BIT> {
     /// Returns true if the level of the pin is high, also when a timer drives it.
     pub fn is_driven_high(&self) -> bool {
         is_high::<PORT, BIT>()
     }
 }
 
-impl<const PORT: char, const BIT: u8> Input<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> Input<PORT, BIT> {
     /// Returns true if the level of the pin is low.
     pub fn is_pulled_low(&self) -> bool {
         !is_high::<PORT, BIT>()
     }
 }
 
-impl<const PORT: char, const BIT: u8> ErrorType for Output<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> ErrorType for Output<PORT, BIT> {
     type Error = Infallible;
 }
 
-impl<const PORT: char, const BIT: u8> OutputPin for Output<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> OutputPin for Output<PORT, BIT> {
     fn set_low(&mut self) -> Result<(), Infallible> {
         // Safety: there is one value of each output pin, and `&mut self` is that value, so the
         // caller owns the pin.
@@ -145,11 +145,11 @@ impl<const PORT: char, const BIT: u8> OutputPin for Output<PORT, BIT> {
     }
 }
 
-impl<const PORT: char, const BIT: u8> ErrorType for Input<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> ErrorType for Input<PORT, BIT> {
     type Error = Infallible;
 }
 
-impl<const PORT: char, const BIT: u8> InputPin for Input<PORT, BIT> {
+impl<const PORT: u8, const BIT: u8> InputPin for Input<PORT, BIT> {
     fn is_high(&mut self) -> Result<bool, Infallible> {
         Ok(!self.is_pulled_low())
     }
@@ -174,15 +174,15 @@ impl Pins {
     pub fn new(portb: PORTB, portc: PORTC, portd: PORTD) -> Self {
         // Safety: every value of PORTx and DDRx is valid.
         unsafe {
-            portb.portb().write(|w| w.bits(const { mask(&HIGH, 'B') }));
-            portb.ddrb().write(|w| w.bits(const { mask(&OUTPUTS, 'B') }));
+            portb.portb().write(|w| w.bits(const { mask(&HIGH, b'B') }));
+            portb.ddrb().write(|w| w.bits(const { mask(&OUTPUTS, b'B') }));
             // Only a wired CS can be on port C.
-            if const { mask(&OUTPUTS, 'C') } != 0 {
-                portc.portc().write(|w| w.bits(const { mask(&HIGH, 'C') }));
-                portc.ddrc().write(|w| w.bits(const { mask(&OUTPUTS, 'C') }));
+            if const { mask(&OUTPUTS, b'C') } != 0 {
+                portc.portc().write(|w| w.bits(const { mask(&HIGH, b'C') }));
+                portc.ddrc().write(|w| w.bits(const { mask(&OUTPUTS, b'C') }));
             }
-            portd.portd().write(|w| w.bits(const { mask(&HIGH, 'D') }));
-            portd.ddrd().write(|w| w.bits(const { mask(&OUTPUTS, 'D') }));
+            portd.portd().write(|w| w.bits(const { mask(&HIGH, b'D') }));
+            portd.ddrd().write(|w| w.bits(const { mask(&OUTPUTS, b'D') }));
         }
         Self { servo: Output(()), can_interrupt: Input(()), button: Input(()) }
     }
