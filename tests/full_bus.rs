@@ -6,7 +6,7 @@
 use std::sync::LazyLock;
 
 use rig::flood::{Flood, Outcome, Pace, Preset, Scenario, Setup, Source, Traffic, Unit, run};
-use rig::{MS, US, parallel};
+use rig::{US, parallel};
 
 /// Simulated time of each flood.
 const FLOOD_MS: u64 = 400;
@@ -79,7 +79,6 @@ fn no_frame_of_a_valid_transfer_is_lost() {
 
 /// A margin, which is visible before a frame is lost.
 #[test]
-#[ignore = "the program follows commands in the turn that reads them"]
 fn the_queue_of_received_frames_never_becomes_full() {
     assert_none(&FULL, |_, Outcome { deepest, places, .. }| {
         (deepest == places || *deepest == 0).then(|| format!("{deepest} of {places} places used"))
@@ -101,17 +100,23 @@ fn frames_leave_the_controller_in_time_and_in_order() {
     });
 }
 
-/// Measured for each command from the end of its last frame.
+/// Longest time from the end of a command's last frame until the output has its value or a newer
+/// one, in microseconds. With several outputs the frames leave too little time to follow each
+/// command of a full bus (docs/decisions.md).
+fn latest_us(setup: Setup) -> u64 {
+    if setup.outputs() > 1 { 40_000 } else { 2000 }
+}
+
 #[test]
-fn on_a_full_bus_an_output_has_the_newest_value_within_2_ms() {
+fn on_a_full_bus_an_output_has_the_newest_value_within_2_ms_and_with_several_within_40_ms() {
     assert_none(&FULL, |scenario, outcome| {
-        if scenario.setup.outputs() > 1 {
-            return None;
-        }
         let (count, unasked) = followed(outcome);
         let late_us = u64::from(outcome.longest_to_follow()) / US;
         let is_commanded = scenario.traffic.is_commands();
-        (late_us > 2000 || unasked > 0 || is_commanded && count < 20).then(|| {
+        // A motor that a command leaves out stops.
+        let is_unasked = unasked > 0 && scenario.setup.motors == 0;
+        let is_late = late_us > latest_us(scenario.setup);
+        (is_late || is_unasked || is_commanded && count < 20).then(|| {
             format!("{count} followed, the slowest after {late_us} us, {unasked} without a command")
         })
     });
@@ -151,7 +156,6 @@ fn at_90_percent_of_a_full_bus_each_command_is_in_the_register_within_500_us() {
 }
 
 #[test]
-#[ignore = "with several outputs the program loses frames"]
 fn no_output_starves_while_another_is_flooded() {
     if !rig::has_all_features() {
         return; // It has one output.
@@ -160,7 +164,9 @@ fn no_output_starves_while_another_is_flooded() {
     let runs = run_all(setups().filter(|setup| setup.servos > 1).map(of).collect(), 1500);
     assert_none(&runs, |scenario, outcome| {
         let servos = &outcome.pulses[..scenario.setup.servos];
-        let late = |pulses: &rig::flood::Pulses| u64::from(pulses.stale.max()) > 2 * MS;
+        let late = |pulses: &rig::flood::Pulses| {
+            u64::from(pulses.stale.max()) > latest_us(scenario.setup) * US
+        };
         let starves = servos.iter().any(|pulses| pulses.seen < 50 || late(pulses));
         let each: Vec<_> =
             servos.iter().map(|pulses| (pulses.seen, pulses.stale.max() / 16)).collect();
