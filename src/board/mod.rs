@@ -112,7 +112,6 @@ pub struct Arduino {
 
 impl Arduino {
     /// Sets up all of it. Call it once.
-    #[inline(always)]
     pub fn new() -> Self {
         // Each register block separately: `Peripherals::take` stores in RAM that it was called.
         macro_rules! peripheral {
@@ -148,72 +147,46 @@ impl Board for Arduino {
     type Counters = Bus;
 
     const FLASH: Image = Image;
-
-    #[inline(always)]
     fn reset_cause(&mut self) -> ResetCause {
         guard::reset_cause(&self.cpu)
     }
-
-    #[inline(always)]
     fn eeprom_and_noise(&mut self) -> (&mut Eeprom, impl FnMut() -> u8) {
         let Self { eeprom, jitter, .. } = self;
         (eeprom, || jitter.sample())
     }
-
-    #[inline(always)]
     fn start(&mut self, parameters: &Parameters, controller: Configuration<NodeAcceptance<Image>>) {
         self.outputs.start(parameters);
         self.bus.controller(|can| can.configure(controller));
         guard::start();
     }
-
-    #[inline(always)]
     fn begin_turn(&mut self) {
         guard::restart_watchdog();
     }
-
-    #[inline(always)]
     fn has_ticked(&self) -> bool {
         self.clock.has_ticked()
     }
-
-    #[inline(always)]
     fn tick(&mut self) -> u8 {
         guard::check_stack();
         self.clock.tick()
     }
-
-    #[inline(always)]
     fn now_ms(&self) -> u16 {
         self.clock.now_ms()
     }
-
-    #[inline(always)]
     fn has_frame(&mut self) -> bool {
         self.bus.has_frame()
     }
-
-    #[inline(always)]
     fn act_on_frame(&mut self, act: impl FnOnce(&Frame)) {
         self.bus.act_on_frame(act);
     }
-
-    #[inline(always)]
     fn controller(&mut self, now_ms: u16) -> State {
         self.bus.controller(|can| can.state(now_ms))
     }
-
-    #[inline(always)]
     fn is_controller_empty(&mut self) -> bool {
         self.bus.controller(|can| can.is_empty())
     }
-
-    #[inline(always)]
     fn poll_controller(&mut self, now_ms: u16) -> Option<Notice> {
         self.bus.controller(|can| can.poll(now_ms))
     }
-
-    #[inline(always)]
     fn set_filters(&mut self, now_ms: u16, acceptance: NodeAcceptance<Image>, attempts: Attempts) {
         self.bus.controller(|can| {
             can.reconfigure(now_ms, |configuration| {
@@ -222,13 +195,9 @@ impl Board for Arduino {
             });
         });
     }
-
-    #[inline(always)]
     fn find_room(&mut self) {
         self.bus.controller(|can| can.find_room());
     }
-
-    #[inline(always)]
     fn send_frame(&mut self, frame: &Frame) {
         // The interrupts of several outputs take time. So a received frame waits only for half of
         // this one.
@@ -239,63 +208,39 @@ impl Board for Arduino {
             self.bus.controller(|can| can.finish_transmit(frame));
         }
     }
-
-    #[inline(always)]
     fn counters(&self) -> &Bus {
         &self.bus
     }
-
-    #[inline(always)]
     fn outputs(&mut self) -> &mut Outputs {
         &mut self.outputs
     }
-
-    #[inline(always)]
     fn eeprom(&mut self) -> &mut Eeprom {
         &mut self.eeprom
     }
-
-    #[inline(always)]
     fn reading(&mut self, against_bandgap: bool, next: Input) -> Option<u16> {
         self.adc.reading(against_bandgap, next)
     }
-
-    #[inline(always)]
     fn is_button_pressed(&self) -> bool {
         self.button.is_pressed()
     }
-
-    #[inline(always)]
     fn set_light(&mut self, brightness: u8) {
         self.light.set(brightness);
     }
-
-    #[inline(always)]
     fn received_byte(&mut self) -> Option<u8> {
         self.serial.receive()
     }
-
-    #[inline(always)]
     fn can_send_byte(&self) -> bool {
         self.serial.can_send()
     }
-
-    #[inline(always)]
     fn send_byte(&mut self, byte: u8) {
         self.serial.send(byte);
     }
-
-    #[inline(always)]
     fn has_loader(&self) -> bool {
         loader::is_there()
     }
-
-    #[inline(always)]
     fn forget_restarts(&mut self) {
         loader::forget_restarts();
     }
-
-    #[inline(always)]
     fn restart(&mut self, request: Option<&[u8; REQUEST_LEN]>) {
         if let Some(request) = request {
             loader::enter(Some(request));

@@ -28,7 +28,6 @@ pub const TURNS_OF_A_PULSE: u16 = 8000;
 
 /// Stops the timer between two pulses, in mode 14. After a restart of the program it may be in a
 /// pulse, which must end and not be cut.
-#[inline(always)]
 pub fn stop(tc1: &TC1, signal: &ServoSignal) {
     let mut turns = TURNS_OF_A_PULSE;
     while turns != 0 && signal.is_driven_high() {
@@ -41,20 +40,17 @@ pub fn stop(tc1: &TC1, signal: &ServoSignal) {
 }
 
 /// Lets the timer run.
-#[inline(always)]
 pub fn run(tc1: &TC1) {
     tc1.tccr1b().write(|w| w.wgm1().set(3).cs1().prescale_8());
 }
 
 /// Ticks of a period at a rate in pulses a second, 50 to 333.
-#[inline(always)]
 pub fn period(rate_hz: u16) -> Ticks {
     scaled((TICKS / 64) as u16, 64, rate_hz)
 }
 
 /// Sets the period, and begins one, so that the timer is never above the new TOP. Call it before
 /// the first pulse.
-#[inline(always)]
 pub fn set_period(tc1: &TC1, period: Ticks) {
     tc1.icr1().write(|w| w.set(period.wrapping_sub(1)));
     tc1.tcnt1().write(|w| w.set(0));
@@ -62,7 +58,6 @@ pub fn set_period(tc1: &TC1, period: Ticks) {
 
 /// Makes pulses of this width from the next period on, or none. Between two pulses only, if it is
 /// 0.
-#[inline(always)]
 pub fn set_width(tc1: &TC1, width: Ticks) {
     if width == 0 {
         tc1.tccr1a().write(|w| w.wgm1().set(2));

@@ -23,7 +23,6 @@ pub struct GetSet {
 impl GetSet {
     /// Reads a request (DSDL 11.GetSet.uavcan): 13 bits of index, 3 of tag, the value, the name.
     /// Returns `None` if it is too short.
-    #[inline(always)]
     pub fn read(request: &Transfer, flash: impl Constants) -> Option<Self> {
         const INTEGER: u8 = 1;
         let &[index, index_and_tag, v0, v1, v2, v3, v4, v5, v6, v7, ..] = request.bytes();

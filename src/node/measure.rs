@@ -6,13 +6,11 @@ use crate::hardware::Input;
 
 impl Node {
     /// The input of the ADC for the next reading.
-    #[inline(always)]
     pub fn next_input(&self) -> Input {
         self.power.next_input(&self.parameters)
     }
 
     /// Takes a reading of the ADC, which measures the input `next` now.
-    #[inline(always)]
     pub fn read_input(&mut self, reading: u16, next: Input) {
         let (input, is_complete) = self.power.add(reading, next);
         if is_complete {

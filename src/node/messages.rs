@@ -224,7 +224,6 @@ impl Node {
         true
     }
 
-    #[inline(always)]
     pub(super) fn put_circuit_status(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
         self.outgoing.put16(self.parameters.get(Parameter::Pwr1Id));
         self.outgoing.put16(self.power.voltage());

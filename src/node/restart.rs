@@ -12,7 +12,6 @@ impl Node {
     }
 
     /// Calls an accepted update off if the outputs are in use again. Returns true if it does.
-    #[inline(always)]
     pub fn calls_off_update(&mut self, monitor: &mut Monitor) -> bool {
         let calls_off = self.update.is_accepted() && self.outputs.are_in_use();
         if calls_off {
@@ -25,7 +24,6 @@ impl Node {
 
     /// The accepted request for an update, if there is one, for the bootloader. Takes up to 30 ms.
     /// The program must end then.
-    #[inline(always)]
     pub fn hand_over(&mut self, eeprom: &mut impl Eeprom) -> Option<&[u8; REQUEST_LEN]> {
         self.update.hand_over(self.id, &self.parameters, eeprom)
     }

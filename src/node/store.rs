@@ -292,7 +292,6 @@ impl Store {
 
 /// True if something was saved. The markers are no test, because tables of other lengths have them
 /// elsewhere.
-#[inline(always)]
 pub fn has_parameters(eeprom: &impl Eeprom) -> bool {
     eeprom.read(PARAMETERS[0]) != ERASED
 }

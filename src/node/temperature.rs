@@ -92,7 +92,6 @@ impl Temperature {
 
     /// Logs the temperature, and sets or clears the condition for its limits and its sensor. Call
     /// once a second.
-    #[inline(always)]
     pub fn second(&self, health: &mut Health, monitor: &mut Monitor) {
         if self.has_sensor {
             // A whole degree begins five tenths below its value.

@@ -57,7 +57,6 @@ impl Allocation {
 
     /// Puts the payload of a request, byte by byte. Without a response of the allocator, the next
     /// request begins again with the first part.
-    #[inline(always)]
     pub fn request(&mut self, unique_id: &[u8; 16], now_ms: u16, mut put: impl FnMut(u8)) {
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);
         let first = core::mem::take(&mut self.confirmed);
@@ -71,7 +70,6 @@ impl Allocation {
     }
 
     /// Acts on an Allocation message. Returns the node ID that it grants to this node, or 0.
-    #[inline(always)]
     pub fn act_on_message(&mut self, transfer: &Transfer, unique_id: &[u8; 16], now_ms: u16) -> u8 {
         self.confirmed = 0;
         self.wait(MIN_REQUEST_PERIOD_MS, now_ms);

@@ -26,13 +26,11 @@ impl Arming {
     }
 
     /// Acts on the status of an ArmingStatus.
-    #[inline(always)]
     pub fn act_on_status(&mut self, _id: u8, status: u8) {
         self.armed_s = if status == FULLY_ARMED { TIMEOUT_S } else { -TIMEOUT_S };
     }
 
     /// True if the last ArmingStatus said that the vehicle is armed.
-    #[inline(always)]
     pub fn is_armed(&self) -> bool {
         self.armed_s > 0
     }
@@ -44,25 +42,21 @@ impl Arming {
     }
 
     /// The same as [`is_armed`](Self::is_armed).
-    #[inline(always)]
     pub fn is_armed_by(&self, _id: u8) -> bool {
         self.is_armed()
     }
 
     /// The same as [`is_disarmed`](Self::is_disarmed).
-    #[inline(always)]
     pub fn is_disarmed_by(&self, _id: u8, parameters: &Parameters) -> bool {
         self.is_disarmed(parameters)
     }
 
     /// True if an ArmingStatus of the last four seconds says that the vehicle is disarmed.
-    #[inline(always)]
     pub fn is_said_disarmed(&self) -> bool {
         self.armed_s < 0
     }
 
     /// Counts down the timeout. Call once a second.
-    #[inline(always)]
     pub fn second(&mut self) {
         match self.armed_s {
             0 => {}

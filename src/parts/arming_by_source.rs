@@ -34,7 +34,6 @@ impl Arming {
     }
 
     /// Acts on the status of an ArmingStatus from this node.
-    #[inline(always)]
     pub fn act_on_status(&mut self, id: u8, status: u8) {
         let is_armed = status == FULLY_ARMED;
         if !is_armed {
@@ -57,13 +56,11 @@ impl Arming {
     }
 
     /// True if the last status of a node said that the vehicle is armed.
-    #[inline(always)]
     pub fn is_armed(&self) -> bool {
         self.sources.iter().any(|source| source.armed_s != 0)
     }
 
     /// True if the last status of this node said that the vehicle is armed.
-    #[inline(always)]
     pub fn is_armed_by(&self, id: u8) -> bool {
         self.sources.iter().any(|source| source.id == id && source.armed_s != 0)
     }
@@ -87,7 +84,6 @@ impl Arming {
     }
 
     /// Counts down the timeouts. Call once a second.
-    #[inline(always)]
     pub fn second(&mut self) {
         for source in &mut self.sources {
             source.armed_s = source.armed_s.saturating_sub(1);

@@ -44,7 +44,6 @@ impl Battery {
 
     /// Adds the charge since the last measurement, less than four seconds ago: the mean current
     /// since then is `centiamperes`, in 10 mA, and negative while charging.
-    #[inline(always)]
     pub fn add(&mut self, centiamperes: i16, now_ms: u16) {
         let now = (now_ms / TICK_MS) as u8;
         let ticks = now.wrapping_sub(self.measured);

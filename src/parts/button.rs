@@ -46,7 +46,6 @@ impl Button {
 
     /// Counts the time of a press, after [`tick`](Self::tick). Returns true at each tenth of a
     /// second.
-    #[inline(always)]
     pub fn counts_tenth(&mut self, passed_ms: u8) -> bool {
         if !self.is_pressed {
             return false;

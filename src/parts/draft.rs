@@ -97,7 +97,6 @@ impl Measurements {
     }
 
     /// Takes note of a status of the autopilot. Returns true if the temperature is due.
-    #[inline(always)]
     pub fn note_status(&mut self) -> bool {
         self.statuses += 1;
         if self.statuses < STATUSES_PER_DEGREES {
@@ -109,7 +108,6 @@ impl Measurements {
 }
 
 /// The identifier of a frame of a message, without last-frame bit and transfer ID.
-#[inline(always)]
 pub fn message_id(data_type: u16, source: u8) -> [u8; 4] {
     let [b0, b1] = upper(data_type).to_be_bytes();
     [b0, b1 | source >> 6, source << 2, 0]
@@ -117,7 +115,6 @@ pub fn message_id(data_type: u16, source: u8) -> [u8; 4] {
 
 /// Completes the only frame of a transfer: puts the last-frame bit and the transfer ID into the
 /// identifier.
-#[inline(always)]
 pub fn finish(frame: &mut Frame, tail: Tail) {
     let [.., last] = &mut frame.id;
     *last = *last & !TRANSFER_ID | tail.0 & TRANSFER_ID | LAST_FRAME;
@@ -125,7 +122,6 @@ pub fn finish(frame: &mut Frame, tail: Tail) {
 
 /// Puts the payload of a NodeStatus: 28 bits of uptime; four bits, of which 0 is OK, 1
 /// initialising, 2 warning, 3 critical; the vendor-specific status code.
-#[inline(always)]
 pub fn put_status(
     uptime_sec: u32,
     level: Level,
@@ -148,7 +144,6 @@ pub fn put_status(
 /// Reads the NodeStatus of another node: its uptime in seconds, and its health as DroneCAN v0
 /// numbers it. `None` if its length is not one of those of 2014. (The thesis's has seven
 /// bytes.)
-#[inline(always)]
 pub fn read_status(status: &Transfer) -> Option<Heard> {
     let &[u0, u1, u2, u3, ..] = status.bytes();
     if !matches!(status.len(), 4 | 6 | 7 | 8) {
@@ -165,27 +160,23 @@ pub fn read_status(status: &Transfer) -> Option<Heard> {
 
 /// The upper half of the identifier. Swapping the bytes here avoids a slow 16-bit swap in the AVR's
 /// generated code.
-#[inline(always)]
 fn upper_half(frame: &Frame) -> u16 {
     let [b0, b1, ..] = frame.id;
     u16::from_le_bytes([b1, b0])
 }
 
 /// Data type ID and source of a frame.
-#[inline(always)]
 pub fn origin(frame: &Frame) -> (u16, u8) {
     let [_, b1, b2, _] = frame.id;
     (upper_half(frame) >> 3, (b1 << 6 | b2 >> 2) & 0x7F)
 }
 
 /// Data type ID of a message of this kind.
-#[inline(always)]
 pub fn data_type(kind: Kind) -> u16 {
     if kind == Kind::ServoCommand { SERVO_COMMAND } else { NODE_STATUS.id }
 }
 
 /// Reads a frame for the node with this ID.
-#[inline(always)]
 pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
     if frame.is_foreign() {
         return Err(Rejection::Unknown);

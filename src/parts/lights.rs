@@ -25,7 +25,6 @@ impl Lights {
     }
 
     /// The slot in which the receiver keeps an entry with this ID.
-    #[inline(always)]
     pub fn slot_of(&self, id: u8) -> Option<Slot> {
         (id == self.id).then_some(Slot::new(0))
     }

@@ -62,13 +62,11 @@ impl Relays {
     }
 
     /// The relays.
-    #[inline(always)]
     pub fn all(&self) -> u8 {
         self.relays
     }
 
     /// Has these relays hold or release, and begins the time of RELAY_TIMEOUT.
-    #[inline(always)]
     pub fn act_on_command(&mut self, relays: u8, holds: bool, parameters: &Parameters) {
         self.held &= !relays;
         if holds {
@@ -79,7 +77,6 @@ impl Relays {
 
     /// Without a command for RELAY_TIMEOUT the relays go to the state of RELAY_START. Call once a
     /// second.
-    #[inline(always)]
     pub fn second(&mut self, parameters: &Parameters) {
         if self.left_s != 0 {
             self.left_s -= 1;
@@ -90,7 +87,6 @@ impl Relays {
     }
 
     /// Sets the level of one output's pin: that of each output once in eight calls.
-    #[inline(always)]
     pub fn show(&mut self, board: &mut impl Pulses) {
         self.shown += 1;
         self.shown_bit <<= 1;
@@ -109,7 +105,6 @@ impl Relays {
 
     /// The bit of the relay for the next hardpoint.Status, and true if it holds: they take turns.
     /// 0 if there is no relay.
-    #[inline(always)]
     pub fn next_to_report(&mut self) -> (u8, bool) {
         let mut left = self.relays & !self.reported;
         if left == 0 {

@@ -23,7 +23,6 @@ impl Safety {
     }
 
     /// True while the safety switch is on.
-    #[inline(always)]
     pub fn is_safe(&self) -> bool {
         self.safe_s != 0
     }
@@ -59,7 +58,6 @@ impl Safety {
     }
 
     /// Counts down the timeout. Returns true if it ends. Call once a second.
-    #[inline(always)]
     pub fn second(&mut self) -> bool {
         if self.safe_s == 0 {
             return false;

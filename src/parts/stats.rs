@@ -34,19 +34,16 @@ impl Stats {
     }
 
     /// Counts a transfer that was received complete.
-    #[inline(always)]
     pub fn count_received(&mut self) {
         count(&mut self.received);
     }
 
     /// Counts a transfer that was sent complete.
-    #[inline(always)]
     pub fn count_sent(&mut self) {
         count(&mut self.sent);
     }
 
     /// Counts a broken transfer.
-    #[inline(always)]
     pub fn count_broken(&mut self) {
         count(&mut self.broken);
     }

@@ -57,13 +57,11 @@ impl Tunnel {
     }
 
     /// True if the serial monitor may write a character.
-    #[inline(always)]
     pub fn has_room(&self) -> bool {
         self.asker == 0 || usize::from(self.len) < ROOM
     }
 
     /// Keeps a character of the serial monitor, or 0 for none.
-    #[inline(always)]
     pub fn push(&mut self, character: u8) {
         if self.asker != 0
             && character != 0
@@ -75,7 +73,6 @@ impl Tunnel {
     }
 
     /// Call at every tick. Returns true if a message is due.
-    #[inline(always)]
     pub fn tick(&mut self, now_ms: u16) -> bool {
         if now_ms.wrapping_sub(self.asked_ms) >= ASKER_STAYS_MS {
             self.asker = 0;
@@ -85,7 +82,6 @@ impl Tunnel {
     }
 
     /// Removes the message: the payload, byte by byte.
-    #[inline(always)]
     pub fn take(&mut self, now_ms: u16, mut put: impl FnMut(u8)) {
         put(self.protocol);
         // Serial port 0, no options, no baud rate.

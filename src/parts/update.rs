@@ -82,7 +82,6 @@ impl Update {
     }
 
     /// Notes that the parameters were saved.
-    #[inline(always)]
     pub fn parameters_are_saved(&mut self) {
         self.is_record_due = self.has_loader;
     }
@@ -113,7 +112,6 @@ impl Update {
 
     /// Decides on a request, and keeps it if it is accepted. `is_in_use`: see
     /// [`are_in_use`](crate::parts::outputs::Outputs::are_in_use).
-    #[inline(always)]
     pub fn act_on_request(&mut self, request: &Transfer, is_in_use: bool) -> Verdict {
         if !self.has_loader {
             return Verdict::NoLoader;
@@ -142,13 +140,11 @@ impl Update {
     }
 
     /// True if a request was accepted.
-    #[inline(always)]
     pub fn is_accepted(&self) -> bool {
         self.request[PATH_LEN + 1] != 0
     }
 
     /// Forgets the accepted request.
-    #[inline(always)]
     pub fn call_off(&mut self) {
         self.request[PATH_LEN + 1] = 0;
     }

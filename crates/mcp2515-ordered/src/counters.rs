@@ -62,7 +62,6 @@ impl Counters {
     }
 
     /// Returns the word `n`, or 0 if there is none.
-    #[inline(always)]
     pub fn word(&self, n: u8) -> u16 {
         self.0.get(usize::from(n)).copied().unwrap_or(0)
     }
@@ -80,7 +79,6 @@ impl Counters {
     }
 
     /// Adds 1 to a count of 32 bits.
-    #[inline(always)]
     pub(crate) fn count_long(&mut self, counter: Counter) {
         let low = &mut self.0[counter as usize];
         *low = low.wrapping_add(1);
@@ -104,15 +102,10 @@ impl Counters {
     }
 
     /// Returns 0.
-    #[inline(always)]
     pub fn word(&self, _n: u8) -> u16 {
         0
     }
-
-    #[inline(always)]
     pub(crate) fn add(&mut self, _counter: Counter, _more: u8) {}
-
-    #[inline(always)]
     pub(crate) fn count_long(&mut self, _counter: Counter) {}
 }
 

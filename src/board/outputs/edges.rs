@@ -136,14 +136,12 @@ pub(super) static mut USED: *const Falls = core::ptr::null();
 /// True if the other set is complete, and newer.
 pub(super) static mut IS_NEW: bool = false;
 
-#[inline(always)]
 pub(super) fn tc0() -> TC0 {
     // Safety: `Clock` uses other registers of Timer0, and TIMSK0 only before interrupts are
     // enabled.
     unsafe { TC0::steal() }
 }
 
-#[inline(always)]
 pub(super) fn tc1() -> TC1 {
     // Safety: `Outputs::new` has consumed these registers. After `start` only the handler uses the
     // 16-bit registers.
@@ -269,7 +267,6 @@ pub(super) fn enable_interrupt() {
 }
 
 /// Adds ticks of Timer0, modulo its period. Both are less than the period.
-#[inline(always)]
 pub(super) fn plus(a: u8, b: u8) -> u8 {
     let room = TIMER0_PERIOD.wrapping_sub(b);
     if a >= room { a.wrapping_sub(room) } else { a.wrapping_add(b) }
@@ -277,7 +274,6 @@ pub(super) fn plus(a: u8, b: u8) -> u8 {
 
 /// Ticks of Timer0 in the longest pulse, modulo its period. A remainder takes 200 cycles, this
 /// takes 15.
-#[inline(always)]
 pub(super) fn modulo_of_pulse(mut ticks: u16) -> u8 {
     const PERIOD: u16 = TIMER0_PERIOD as u16;
     const { assert!(SLOT / TICKS_OF_TIMER0 < 3 * PERIOD) };
@@ -299,7 +295,6 @@ pub(super) fn modulo(mut ticks: u16) -> u8 {
 
 impl Schedule {
     /// Goes on to the next event. Returns its time.
-    #[inline(always)]
     fn advance(&mut self, edge: &mut Edge) -> Moment {
         // Safety: `start` has set the pointer to one of two statics. The main loop writes to the
         // other one only.
@@ -342,7 +337,6 @@ impl Schedule {
     }
 
     /// A time in the period. The flag is set when the tick of Timer0 with the number of OCR0B ends.
-    #[inline(always)]
     pub(super) fn moment(&self, at: Ticks) -> Moment {
         let ticks = at.wrapping_sub(LEAD + u16::from(self.phase)) / TICKS_OF_TIMER0;
         Moment::new(at, modulo(ticks.wrapping_sub(1)))
@@ -350,7 +344,6 @@ impl Schedule {
 }
 
 /// The set that the handler does not use.
-#[inline(always)]
 pub(super) fn other_falls() -> *mut Falls {
     let first = (&raw mut FALLS).cast::<Falls>();
     // Safety: the pointer is to a static. The handler changes it only while `IS_NEW` is true; the
@@ -361,7 +354,6 @@ pub(super) fn other_falls() -> *mut Falls {
 }
 
 /// Changes to the new widths, if there are any. No pulse is active.
-#[inline(always)]
 pub(super) fn change() {
     // Safety: only this function writes `USED` after `start`. The main loop clears `IS_NEW` before
     // it writes the other set, and sets it afterwards. It is a byte, which one instruction

@@ -209,8 +209,6 @@ impl Response {
         }
         flash.byte(self.name_at.wrapping_add(u16::from(at)))
     }
-
-    #[inline(always)]
     fn number_byte(&self, mut at: u8, flash: impl Progmem<Descriptions>) -> u8 {
         let mut low = self.value;
         let mut number_at = place(DEFAULTS, self.at.row);

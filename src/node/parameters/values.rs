@@ -24,7 +24,6 @@ impl Parameters {
     }
 
     /// The value of a parameter, in two's complement if its minimum is negative.
-    #[inline(always)]
     pub fn get(&self, parameter: Parameter) -> u16 {
         if parameter.0 == NONE {
             return 0;
@@ -33,14 +32,12 @@ impl Parameters {
     }
 
     /// The value of a parameter of an output.
-    #[inline(always)]
     pub fn of(&self, output: usize, parameter: OutputParameter) -> u16 {
         let index = usize::from(parameter.index(output));
         u16::from_le_bytes(self.values.get(index).copied().unwrap_or_default())
     }
 
     /// True if a parameter is not zero. For parameters below 256 only.
-    #[inline(always)]
     pub fn is_on(&self, parameter: Parameter) -> bool {
         parameter.0 != NONE && self.values[usize::from(parameter.0)][0] != 0
     }
@@ -140,13 +137,11 @@ impl Parameters {
 
     /// Sets the parameters with values out of range to their defaults. Returns true if there are
     /// any.
-    #[inline(always)]
     pub fn repair(&mut self, flash: impl Progmem<Descriptions>) -> bool {
         self.reset(false, flash)
     }
 
     /// Sets all parameters to their defaults.
-    #[inline(always)]
     pub fn set_defaults(&mut self, flash: impl Progmem<Descriptions>) {
         self.reset(true, flash);
     }
@@ -162,7 +157,6 @@ fn is_room(count: u16, rate_hz: u16) -> bool {
 impl Parameters {
     /// True if a value in the range of the parameter with this index does not go with the values in
     /// force: the pulses of OUT_COUNT outputs have no room in a period of OUT_RATE.
-    #[inline(always)]
     pub(in crate::node) fn has_no_room(&self, index: u8, value: u16) -> bool {
         if OUTPUTS == 1 {
             return false;
@@ -177,7 +171,6 @@ impl Parameters {
 
     /// The number of outputs in use. If the EEPROM had values that do not go together, as many as
     /// have room.
-    #[inline(always)]
     pub fn outputs(&self) -> u8 {
         if OUTPUTS == 1 {
             return 1;

@@ -52,7 +52,6 @@ impl Trust {
 
     /// True if a transfer keeps its lane, although another sender's begins within [`HOLD_MS`].
     /// 0 for a sender that is not trusted.
-    #[inline(always)]
     pub(super) fn keeps(&mut self, owner: u8, newcomer: u8) -> bool {
         if owner | newcomer != 0 {
             return owner != 0;
