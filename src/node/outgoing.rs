@@ -133,6 +133,14 @@ impl Outgoing {
         }
     }
 
+    /// Keeps so many more bytes with the value 0.
+    #[inline(never)]
+    pub fn put_zeros(&mut self, count: u8) {
+        for _ in 0..count {
+            self.put8(0);
+        }
+    }
+
     /// Keeps two more bytes, little-endian.
     #[inline(never)]
     pub fn put16(&mut self, word: u16) {

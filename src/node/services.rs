@@ -316,8 +316,7 @@ impl Node {
     ) -> bool {
         if pending.argument >= parameters::COUNT as u8 {
             // No such parameter: four empty values and an empty name.
-            self.outgoing.put16(0);
-            self.outgoing.put16(0);
+            self.outgoing.put_zeros(4);
             return true;
         }
         let payload = &mut self.outgoing.payload;
@@ -371,9 +370,7 @@ impl Node {
             context.monitor.log_line(if is_done { Line::Saved } else { Line::NotSaved });
         }
         // 48 bits of the argument, then one bit.
-        self.outgoing.put16(0);
-        self.outgoing.put16(0);
-        self.outgoing.put16(0);
+        self.outgoing.put_zeros(6);
         self.outgoing.put8(u8::from(is_done) << 7);
         true
     }
