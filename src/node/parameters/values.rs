@@ -32,6 +32,7 @@ impl Parameters {
     }
 
     /// The value of a parameter of an output.
+    #[inline(never)]
     pub fn of(&self, output: usize, parameter: OutputParameter) -> u16 {
         let index = usize::from(parameter.index(output));
         u16::from_le_bytes(self.values.get(index).copied().unwrap_or_default())
