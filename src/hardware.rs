@@ -44,7 +44,8 @@ pub const OUTPUT_PINS: [Pin; OUTPUTS] = {
     }
     pins
 };
-/// The table of [`OUTPUT_PINS`] in flash: the port and the mask of each. A single output needs none.
+/// The table of [`OUTPUT_PINS`] in flash: the port and the mask of each. A single output needs
+/// none.
 pub struct OutputPins;
 /// Bytes of the table.
 const PACKED_LEN: usize = if OUTPUTS == 1 { 0 } else { 2 * OUTPUTS };
