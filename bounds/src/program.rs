@@ -43,7 +43,8 @@ impl Instruction {
 /// A program in flash.
 #[derive(Debug, Clone)]
 pub struct Program {
-    flash: Vec<u8>,
+    /// `None` where the ELF has nothing: there the flash can contain anything.
+    flash: Vec<Option<u8>>,
     /// Named code: the names at each address, functions first.
     code: BTreeMap<u32, Symbol>,
     /// Every symbol with its value, for addresses of the data space and the linker's constants.
@@ -82,8 +83,10 @@ impl Program {
             let data = segment.data(endian, bytes).ok().context("a segment outside the file")?;
             let end = from + data.len();
             ensure!(end <= chip.flash_bytes() as usize, "code up to {end:#x}, behind the flash");
-            flash.resize(flash.len().max(end), 0xFF);
-            flash[from..end].copy_from_slice(data);
+            flash.resize(flash.len().max(end), None);
+            for (byte, known) in flash[from..end].iter_mut().zip(data) {
+                *byte = Some(*known);
+            }
         }
         ensure!(!flash.is_empty(), "no code");
         let mut program = Self {
@@ -105,7 +108,8 @@ impl Program {
                 program.add(name, symbol.st_value(endian), is_function, is_data);
             }
         }
-        if program.flash.iter().take(program.entry as usize).any(|byte| *byte != 0xFF) {
+        let mut before = program.flash.iter().take(program.entry as usize).flatten();
+        if before.any(|byte| *byte != 0xFF) {
             program.entry = 0;
         }
         Ok(program)
@@ -115,6 +119,7 @@ impl Program {
     /// without symbols.
     pub fn from_flash(flash: Vec<u8>, functions: &[(&str, u32)], chip: Chip) -> Self {
         let (code, values) = (BTreeMap::new(), BTreeMap::new());
+        let flash = flash.into_iter().map(Some).collect();
         let mut program = Self { flash, code, values, entry: 0, chip };
         for (name, address) in functions {
             program.add(name, *address, true, false);
@@ -202,13 +207,12 @@ impl Program {
 
     /// A word of flash.
     pub fn word(&self, address: u32) -> Option<u16> {
-        let bytes = self.flash.get(address as usize..address as usize + 2)?;
-        Some(u16::from_le_bytes([bytes[0], bytes[1]]))
+        Some(u16::from_le_bytes([self.byte(address)?, self.byte(address + 1)?]))
     }
 
-    /// A byte of flash.
+    /// A byte of flash, if the ELF has it.
     pub fn byte(&self, address: u32) -> Option<u8> {
-        self.flash.get(address as usize).copied()
+        self.flash.get(address as usize).copied().flatten()
     }
 
     /// The instruction at an address.

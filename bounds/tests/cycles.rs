@@ -5,7 +5,7 @@ mod support;
 use bounds::annotations::Annotations;
 use bounds::stack::Analysis;
 use bounds::times::{Times, times};
-use support::{assembled, compiled};
+use support::{assembled, build, compiled, read};
 
 /// Sets SP, and enables INT0 and interrupts.
 const BEGIN: &str = "
@@ -21,6 +21,9 @@ const BEGIN: &str = "
 ";
 
 const NO_MAIN: &str = "rjmp .-2";
+
+/// Options for a program in the boot section.
+const LOADER: &[&str] = &["-nostartfiles", "-nostdlib", "-Wl,-Ttext=0x3800"];
 
 fn timed(main: &str, handler: &str, annotations: &str) -> Times {
     let text = format!("{BEGIN}\n{main}\n.type int0, @function\nint0:\n{handler}\nreti");
@@ -189,6 +192,18 @@ fn the_time_from_the_last_look_at_a_pin_ends_with_reti() {
     let times = timed("1: rjmp 1b", text, "");
     let [look] = &times.handlers[0].looks[..] else { panic!("{times:?}") };
     assert_eq!((look.register, look.cycles.0), (0x29, 2 + 1 + 4));
+}
+
+/// A bootloader reads the flash that the program before it fills.
+#[test]
+fn flash_that_is_not_in_the_elf_can_have_any_value() {
+    let text = ".global start\nstart: eor r1, r1\n2: ldi r30, 0x68\nldi r31, 0\nlpm r24, Z\n\
+                1: dec r24\nbrne 1b\nrjmp 2b";
+    let program = read(&build("loader", "S", text, LOADER));
+    let none = Annotations::default();
+    let turn = times(&mut Analysis::new(&program, &none)).unwrap().turn.unwrap();
+    // LDI 1, LDI 1, LPM 3; from 0 256 rounds of DEC 1 and BRNE 2, the last 1; RJMP 2.
+    assert_eq!(turn.cycles.0, 5 + 256 * 3 - 1 + 2);
 }
 
 /// SBCI leaves Z as SUBI has set it if its own result is zero, so this loop never ends.
