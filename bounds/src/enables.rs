@@ -6,6 +6,27 @@ use crate::chip::INTERRUPTS;
 pub const ENABLE_REGISTERS: [u16; 12] =
     [0x3D, 0x3F, 0x4C, 0x50, 0x57, 0x60, 0x68, 0x6E, 0x6F, 0x70, 0x7A, 0xC1];
 
+/// The bits of these registers that enable interrupts. The chip changes others by itself, such as
+/// EEPE and SELFPRGEN, so nothing is known of them.
+const ENABLE_BITS: [u8; ENABLE_REGISTERS.len()] = {
+    let (mut bits, mut at) = ([0; ENABLE_REGISTERS.len()], 0);
+    while at < ENABLE_REGISTERS.len() {
+        let mut index = 0;
+        while index < INTERRUPTS.len() {
+            let (register, bit) = INTERRUPTS[index].enable;
+            if register == ENABLE_REGISTERS[at] {
+                bits[at] |= 1 << bit;
+            }
+            index += 1;
+        }
+        at += 1;
+    }
+    bits
+};
+
+/// The interrupt of the watchdog clears its own enable bit (datasheet 2545, WDIE in WDTCSR).
+const WDTCSR: u16 = 0x60;
+
 /// What is known of the bits that enable interrupts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash, Default)]
 pub struct Enables {
@@ -34,14 +55,17 @@ impl Enables {
 
     /// Sets a bit.
     pub fn set(&mut self, register: u16, bit: u8, value: bool) {
-        if let Some(at) = Self::index(register) {
+        if let Some((zeros, ones)) = self.read(register) {
             let mask = 1 << bit;
-            self.zeros[at] = self.zeros[at] & !mask | if value { 0 } else { mask };
-            self.ones[at] = self.ones[at] & !mask | if value { mask } else { 0 };
+            let (zeros, ones) = match value {
+                false => (zeros | mask, ones & !mask),
+                true => (zeros & !mask, ones | mask),
+            };
+            self.write(register, zeros, ones);
         }
     }
 
-    /// The byte that a register reads as.
+    /// What is known of the byte that a register reads as: the bits that are 0, and those that are 1.
     pub fn read(&self, register: u16) -> Option<(u8, u8)> {
         let at = Self::index(register)?;
         Some((self.zeros[at], self.ones[at]))
@@ -50,7 +74,9 @@ impl Enables {
     /// A write of a byte of which bits are known.
     pub fn write(&mut self, register: u16, zeros: u8, ones: u8) {
         if let Some(at) = Self::index(register) {
-            (self.zeros[at], self.ones[at]) = (zeros, ones);
+            let mask = ENABLE_BITS[at];
+            let stays_one = if register == WDTCSR { 0 } else { mask };
+            (self.zeros[at], self.ones[at]) = (zeros & mask, ones & stays_one);
         }
     }
 

@@ -201,6 +201,23 @@ fn code_that_is_no_instruction_is_refused() {
     assert!(text.contains("0xffff is no instruction of this core"), "{text}");
 }
 
+/// EEPE, which the chip clears.
+#[test]
+fn what_follows_a_wait_for_the_eeprom_counts() {
+    let program = program(
+        "sbi 0x1F, 1
+         1: sbic 0x1F, 1
+         rjmp 1b
+         call f
+         rjmp .-2
+         .type f, @function
+         f: push r16
+         pop r16
+         ret",
+    );
+    assert_eq!(stack(&program).unwrap().bytes, 2 + 1);
+}
+
 /// A switch, which avr-gcc compiles to a table of addresses, and a division of libgcc.
 #[test]
 fn the_jump_table_of_a_switch_is_followed() {
