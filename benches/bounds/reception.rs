@@ -57,7 +57,7 @@ impl Reception {
         let with = |frames: u32, bytes: u32| {
             report(elf, |annotations| {
                 let fetch = annotations.loops.iter_mut().filter(|entry| entry.function == "fetch");
-                fetch.for_each(|entry| entry.at_most = frames);
+                fetch.for_each(|entry| entry.at_most = Some(frames));
                 annotations.loops.insert(0, reads(bytes));
             })
         };
@@ -171,7 +171,11 @@ fn reads(bytes: u32) -> Loop {
         function: "CanSpi::read".into(),
         number: Some(1),
         with: None,
-        at_most: bytes.max(IDENTIFIER) - 1,
+        chip: None,
+        begins: None,
+        at_most: Some(bytes.max(IDENTIFIER) - 1),
+        until: None,
+        is_turn: false,
         reason: "the frame has no more bytes".into(),
     }
 }

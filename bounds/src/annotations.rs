@@ -46,9 +46,20 @@ pub struct Loop {
     pub number: Option<usize>,
     /// The entry is for programs with this function only. Of two that fit the first counts.
     pub with: Option<String>,
+    /// The entry is for this chip only.
+    pub chip: Option<String>,
+    /// How the text of the loop's first instruction begins, as `--loops` prints it. If it begins
+    /// otherwise, another loop has the number now, and the program is refused.
+    pub begins: Option<String>,
     /// How often the loop goes back to its beginning, each time it is reached.
-    pub at_most: u32,
-    /// Why it does not go back more often.
+    pub at_most: Option<u32>,
+    /// In place of `at_most`: what ends the loop, if that happens outside of the chip. The rounds
+    /// before the last are not counted.
+    pub until: Option<String>,
+    /// With `until`: a round is a turn of the main loop.
+    #[serde(default)]
+    pub is_turn: bool,
+    /// Why it does not go back more often, or what bounds its time.
     pub reason: String,
 }
 
@@ -77,6 +88,11 @@ impl Annotations {
         for (function, reason) in indirect.chain(loops) {
             ensure!(!reason.trim().is_empty(), "the annotation of {function} needs a reason");
         }
+        if let Some(entry) =
+            this.loops.iter().find(|entry| entry.at_most.is_some() == entry.until.is_some())
+        {
+            bail!("the annotation of {} needs either at_most or until", entry.function);
+        }
         if let Some(wait) = this.wait.iter().find(|wait| wait.reason.trim().is_empty()) {
             bail!("the wait for register {:#x} needs a reason", wait.register);
         }
@@ -86,7 +102,9 @@ impl Annotations {
     /// Leaves out the entries that are for other programs.
     pub fn keep_those_of(&mut self, program: &Program) {
         let is_in = |name: &String| program.function_address(name).is_some();
+        let is_chip = |name: &String| name == program.chip.name();
         self.loops.retain(|entry| entry.with.as_ref().is_none_or(is_in));
+        self.loops.retain(|entry| entry.chip.as_ref().is_none_or(is_chip));
     }
 
     /// The addresses to which the indirect calls and jumps of a function lead, if there is an

@@ -77,7 +77,8 @@ impl Looked {
         Self { own: BTreeMap::new(), through: Some(0) }
     }
 
-    fn pass(&mut self, cycles: u32) {
+    /// Lets time pass.
+    pub fn pass(&mut self, cycles: u32) {
         for since in self.own.values_mut().chain(&mut self.through) {
             *since = since.saturating_add(cycles);
         }
@@ -119,6 +120,8 @@ pub struct Clocks {
     pub looked: Looked,
     /// For each watch.
     pub blocked: Vec<Blocked>,
+    /// Loops on a path whose rounds are not counted.
+    pub opens: u32,
 }
 
 fn longer<T: Ord>(a: Option<T>, b: Option<T>) -> Option<T> {
@@ -132,7 +135,7 @@ impl Clocks {
         let blocked = watches
             .iter()
             .map(|watch| Blocked { own: None, inherited: watch.is_blocked(state).then_some(0) });
-        Self { total: 0, looked: Looked::at_entry(), blocked: blocked.collect() }
+        Self { total: 0, looked: Looked::at_entry(), blocked: blocked.collect(), opens: 0 }
     }
 
     /// Lets time pass.
@@ -154,6 +157,21 @@ impl Clocks {
         self.pass(u32::MAX);
     }
 
+    /// Enters a loop whose rounds are not counted: then a blocked stretch has no bound.
+    pub fn open(&mut self) {
+        self.opens = self.opens.saturating_add(1);
+        self.looked.pass(u32::MAX);
+        for Blocked { own, inherited } in &mut self.blocked {
+            own.iter_mut().for_each(|(since, _)| *since = u32::MAX);
+            inherited.iter_mut().for_each(|since| *since = u32::MAX);
+        }
+    }
+
+    /// The total, if it has a bound.
+    pub fn bounded_total(&self) -> u32 {
+        if self.opens > 0 { u32::MAX } else { self.total }
+    }
+
     /// The same for the stretches that were shorter before.
     pub fn never_end_where_longer(&mut self, before: &Self) {
         for (now, before) in self.blocked.iter_mut().zip(&before.blocked) {
@@ -170,6 +188,7 @@ impl Clocks {
     /// The longer of two, where two paths meet.
     pub fn join(&mut self, other: &Self) {
         self.total = self.total.max(other.total);
+        self.opens = self.opens.max(other.opens);
         self.looked.keep_longer(&other.looked.own);
         self.looked.through = longer(self.looked.through, other.looked.through);
         for (mine, theirs) in self.blocked.iter_mut().zip(&other.blocked) {

@@ -39,6 +39,9 @@ pub struct Options {
     /// Lists all stretches, and the loops with their bounds.
     #[arg(long, conflicts_with = "stack_only")]
     pub loops: bool,
+    /// Fails if any loop has no bound, also of the main program.
+    #[arg(long, conflicts_with = "stack_only")]
+    pub every_loop: bool,
     /// Prints JSON.
     #[arg(long)]
     pub json: bool,
@@ -77,6 +80,12 @@ impl Options {
             && !times.is_bounded()
         {
             bail!("{path}: a handler or a stretch has no bound: {}", times.missing.join("; "));
+        }
+        if let Some(times) = &report.times
+            && self.every_loop
+            && !times.is_explained()
+        {
+            bail!("{path}: a loop has no bound: {}", times.missing.join("; "));
         }
         let is_exceeded =
             self.ram_limit.zip(report.ram_bytes).is_some_and(|(most, used)| used > most);

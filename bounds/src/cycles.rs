@@ -13,7 +13,7 @@ use anyhow::{Result, anyhow, bail};
 use crate::clock::{Blocked, Clocks, Ended, Watch};
 use crate::opcode::Op;
 use crate::order::{Part, heads, parts};
-use crate::path::{Bound, Order, Run, Time, Turn, after_call};
+use crate::path::{Bound, Open, Order, Run, Time, Turn, after_call};
 use crate::program::Program;
 use crate::stack::Analysis;
 use crate::state::{State, entry_half};
@@ -48,6 +48,8 @@ pub struct Timing<'a, 'b> {
     pub(crate) unbounded: BTreeSet<u32>,
     /// The loops with a bound, by the address of the head: how often they go back to it at most.
     pub bounds: BTreeMap<u32, Bound>,
+    /// The loops whose rounds are not counted, by the address of the head.
+    pub opens: BTreeMap<u32, Open>,
     /// The longest round of the largest endless loop so far.
     pub turn: Option<Turn>,
     /// Instructions that were followed.
@@ -88,6 +90,7 @@ impl<'a, 'b> Timing<'a, 'b> {
             missing: BTreeSet::new(),
             unbounded: BTreeSet::new(),
             bounds: BTreeMap::new(),
+            opens: BTreeMap::new(),
             turn: None,
             steps: 0,
             too_long: BTreeSet::new(),
@@ -186,10 +189,16 @@ impl<'a, 'b> Timing<'a, 'b> {
             summary: summary.clone(),
             order: self.order(entry, summary),
             pending: BTreeMap::from([(at, (state, clocks))]),
-            time: Time { exit: None, ended: vec![None; self.watches.len()], bits: BTreeMap::new() },
+            time: Time {
+                exit: None,
+                ended: vec![None; self.watches.len()],
+                restart: None,
+                bits: BTreeMap::new(),
+            },
             is_lenient: false,
             is_incomplete: false,
             bounds: Vec::new(),
+            opens: Vec::new(),
             turn: None,
         }
     }
@@ -212,6 +221,10 @@ impl<'a, 'b> Timing<'a, 'b> {
             let known = self.bounds.entry(*head).or_insert(*bound);
             known.rounds = known.rounds.max(bound.rounds);
             known.cycles = known.cycles.max(bound.cycles);
+        }
+        for (head, open) in &run.opens {
+            let known = self.opens.entry(*head).or_insert_with(|| open.clone());
+            known.cycles = known.cycles.max(open.cycles);
         }
     }
 
@@ -238,7 +251,9 @@ impl<'a, 'b> Timing<'a, 'b> {
                 _ => {}
             }
             match flow {
-                Flow::To(to) if to == self.program().entry || to == 0 => {}
+                Flow::To(to) if to == self.program().entry || to == 0 => {
+                    run.time.restart = run.time.restart.max(Some(clocks.bounded_total()));
+                }
                 Flow::To(to) => self.jump(run, at, to, after, clocks)?,
                 Flow::Call(target, back) => {
                     self.call(run, at, target, Some(back), after, &clocks)?;
@@ -326,12 +341,17 @@ impl<'a, 'b> Timing<'a, 'b> {
                 run.time.ended[index] = run.time.ended[index].max(ended);
             }
         }
+        if let Some(cycles) = time.restart {
+            let total = clocks.bounded_total().saturating_add(cycles);
+            run.time.restart = run.time.restart.max(Some(total));
+        }
         for (at, cycles) in &time.bits {
             run.time.note_bit(*at, clocks.total.saturating_add(*cycles));
         }
         let Some((exit, passed)) = &time.exit else { return Ok(()) };
         let mut clocks = clocks.clone();
         clocks.total = clocks.total.saturating_add(passed.total);
+        clocks.opens = clocks.opens.saturating_add(passed.opens);
         clocks.looked.call(&passed.looked);
         for (mine, theirs) in clocks.blocked.iter_mut().zip(&passed.blocked) {
             let through = theirs.inherited;

@@ -65,7 +65,7 @@ impl Enables {
         }
     }
 
-    /// What is known of the byte that a register reads as: the bits that are 0, and those that are 1.
+    /// What is known of a register: the bits that are 0, and those that are 1.
     pub fn read(&self, register: u16) -> Option<(u8, u8)> {
         let at = Self::index(register)?;
         Some((self.zeros[at], self.ones[at]))

@@ -21,6 +21,8 @@ pub struct Time {
     /// Stretches that began before the entry and end in the function: cycles from the entry, and
     /// the address of the end, for each watch.
     pub ended: Vec<Option<(u32, u32)>>,
+    /// The longest time from the entry to a jump to address 0.
+    pub restart: Option<u32>,
     /// The longest time from the entry to the end of each SBI and CBI, by its address.
     pub bits: BTreeMap<u32, u32>,
 }
@@ -45,6 +47,19 @@ pub struct Bound {
     pub cycles: u32,
 }
 
+/// A loop whose rounds are not counted.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Open {
+    /// Number of the loop in its function, counted from 1.
+    pub number: usize,
+    /// Cycles of its longest round; `u32::MAX` if it has no bound.
+    pub cycles: u32,
+    /// What ends it, from the annotation.
+    pub until: String,
+    /// Why its time has a bound, or need not have one.
+    pub reason: String,
+}
+
 /// The longest round of a loop that never ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Turn {
@@ -54,16 +69,20 @@ pub struct Turn {
     pub head: u32,
     /// Cycles of a round; `u32::MAX` if it has no bound.
     pub cycles: u32,
+    /// True if an annotation says that it is the main loop.
+    pub is_named: bool,
+    /// True if it contains a loop whose rounds are not counted.
+    pub is_open: bool,
     /// What is known of the bits that enable interrupts, whenever a round begins.
     pub enables: Enables,
 }
 
 impl Turn {
-    /// Keeps the longest round of the largest loop.
+    /// Keeps the longest round of the largest loop, or of the one that an annotation names.
     pub fn keep_larger(known: &mut Option<Self>, turn: Self) {
         let is_larger = |known: &Self| match turn.head == known.head {
             true => turn.cycles > known.cycles,
-            false => turn.nodes > known.nodes,
+            false => (turn.is_named, turn.nodes) > (known.is_named, known.nodes),
         };
         if known.as_ref().is_none_or(is_larger) {
             *known = Some(turn);
@@ -87,6 +106,8 @@ pub struct Run {
     pub is_incomplete: bool,
     /// The bounds of its loops.
     pub bounds: Vec<(u32, Bound)>,
+    /// Its loops whose rounds are not counted, by the address of the head.
+    pub opens: Vec<(u32, Open)>,
     /// The longest round of its largest endless loop.
     pub turn: Option<Turn>,
 }
@@ -151,6 +172,7 @@ impl Time {
         if let Some((state, clocks)) = &other.exit {
             join_exit(&mut self.exit, state.clone(), clocks)?;
         }
+        self.restart = self.restart.max(other.restart);
         for (mine, theirs) in self.ended.iter_mut().zip(&other.ended) {
             *mine = (*mine).max(*theirs);
         }

@@ -10,7 +10,7 @@ use crate::chip::{Chip, RAM_START};
 use crate::program::Program;
 use crate::stack::Analysis;
 use crate::times::{
-    BitTime, HandlerTime, LookTime, LoopBound, StretchTime, Times, TurnTime, times,
+    BitTime, HandlerTime, LookTime, LoopBound, OpenLoop, StretchTime, Times, TurnTime, times,
 };
 use crate::whole::{self, Frame, Stack};
 
@@ -103,16 +103,19 @@ impl fmt::Display for Times {
         if let Some(TurnTime { place, cycles, .. }) = &self.turn {
             writeln!(f, "turn of the main loop at {place}: {cycles}")?;
         }
+        if let Some(cycles) = &self.start {
+            writeln!(f, "from the reset to the jump to 0: {cycles}")?;
+        }
+        for OpenLoop { place, number, cycles, until, .. } in &self.open {
+            writeln!(f, "not counted: {place}, loop {number}, rounds of {cycles}, until {until}")?;
+        }
         if f.alternate() {
-            for LoopBound { place, number, rounds, cycles } in &self.loops {
-                writeln!(f, "loop {number}: {rounds} rounds, {cycles} cycles, {place}")?;
+            for LoopBound { place, number, begins, rounds, cycles } in &self.loops {
+                writeln!(f, "loop {number}: {rounds} rounds, {cycles} cycles, {place}: {begins}")?;
             }
         }
-        let turn = self.turn.as_ref().map(|turn| turn.cycles);
-        if !self.is_bounded() || turn.is_some_and(|cycles| !cycles.is_bounded()) {
-            for text in &self.missing {
-                writeln!(f, "no bound: {text}")?;
-            }
+        for text in &self.missing {
+            writeln!(f, "no bound: {text}")?;
         }
         Ok(())
     }

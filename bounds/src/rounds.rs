@@ -1,13 +1,16 @@
 //! Loops: followed round by round until no path goes back to the head.
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 
+use crate::annotations;
 use crate::clock::{Clocks, Looked};
 use crate::countdown;
 use crate::cycles::{NoBound, Timing};
 use crate::order::Loop;
-use crate::path::{Bound, Run, Turn};
+use crate::path::{Bound, Open, Run, Turn};
+use crate::stack::Analysis;
 use crate::state::State;
+use crate::text::Text;
 use crate::wait;
 
 /// Instructions of a loop that are followed, before the analysis gives up.
@@ -15,6 +18,10 @@ const MOST_STEPS: u32 = 200_000;
 
 /// Rounds of a loop for which it has given up before.
 const MOST_ROUNDS: u32 = 16;
+
+/// Rounds of a loop with an annotation that are followed one by one. All further ones begin with
+/// what is true in each.
+const FOLLOWED_ROUNDS: u32 = 500;
 
 /// A loop that is followed.
 struct Rounds<'a> {
@@ -34,11 +41,17 @@ struct Rounds<'a> {
     previous: Option<(State, u32)>,
 }
 
-impl Timing<'_, '_> {
+impl<'a> Timing<'a, '_> {
     /// Follows a loop until nothing goes back to its head.
     pub(crate) fn rounds(&mut self, run: &mut Run, inner: &Loop) -> Result<()> {
         if run.is_endless(inner) {
             return self.endless(run, inner);
+        }
+        let annotation = self.annotation(run, inner)?;
+        if let Some(annotation) = annotation
+            && let Some(until) = &annotation.until
+        {
+            return self.open(run, inner, annotation, until);
         }
         let Some((state, clocks)) = run.pending.get_mut(&inner.head) else { return Ok(()) };
         if let Some((rounds, cycles)) = countdown::skip(self.analysis.program, inner, state) {
@@ -50,7 +63,7 @@ impl Timing<'_, '_> {
             run.pending.remove(&inner.head);
             return Ok(());
         }
-        let mut rounds = self.begin(run, inner);
+        let mut rounds = self.begin(run, inner, annotation.and_then(|found| found.at_most));
         for round in 0.. {
             if round > 0 && !self.goes_on(run, &mut rounds, round)? {
                 run.pending.remove(&inner.head);
@@ -69,14 +82,32 @@ impl Timing<'_, '_> {
         Ok(())
     }
 
-    fn begin<'a>(&self, run: &Run, inner: &'a Loop) -> Rounds<'a> {
+    /// The annotation of a loop: of its number, or of those for which no bound was found.
+    fn annotation(&self, run: &Run, inner: &Loop) -> Result<Option<&'a annotations::Loop>> {
+        let Analysis { program, annotations, .. } = &*self.analysis;
+        let (program, annotations) = (*program, *annotations);
+        let function = program.function_name(inner.head);
+        let number = number(run, inner);
+        let is_unbounded = self.unbounded.contains(&inner.head);
+        let found = annotations
+            .bound(&function, Some(number))
+            .or_else(|| annotations.bound(&function, None).filter(|_| is_unbounded));
+        if let Some(begins) = found.and_then(|found| found.begins.as_ref()) {
+            let text = Text(program.instruction(inner.head)?.op, inner.head).to_string();
+            if !text.starts_with(begins.as_str()) {
+                bail!(
+                    "{}: loop {number} begins with `{text}`, and in the annotation with \
+                     `{begins}`: look which number that loop has now",
+                    program.place(inner.head)
+                );
+            }
+        }
+        Ok(found)
+    }
+
+    fn begin<'l>(&self, run: &Run, inner: &'l Loop, most: Option<u32>) -> Rounds<'l> {
         let function = self.analysis.program.function_name(inner.head);
         let number = number(run, inner);
-        let annotations = self.analysis.annotations;
-        let mut most = annotations.bound(&function, Some(number)).map(|found| found.at_most);
-        if most.is_none() && self.unbounded.contains(&inner.head) {
-            most = annotations.bound(&function, None).map(|found| found.at_most);
-        }
         let pending = run.pending.get(&inner.head);
         Rounds {
             inner,
@@ -108,6 +139,12 @@ impl Timing<'_, '_> {
             let since_spdr = rounds.since_spdr;
             rounds.most =
                 wait::rounds(self.analysis, rounds.inner, &run.summary, since_spdr, cycles);
+        }
+        if round >= FOLLOWED_ROUNDS
+            && rounds.is_annotated
+            && let Some(any) = run.summary.states.get(&head)
+        {
+            *state = any.clone();
         }
         let is_stable = *state == before;
         match rounds.most {
@@ -156,14 +193,20 @@ impl Timing<'_, '_> {
             state = any.clone();
         }
         for round in 0.. {
-            (clocks.total, clocks.looked) = (0, Looked::at_entry());
+            (clocks.total, clocks.looked, clocks.opens) = (0, Looked::at_entry(), 0);
             run.pending.insert(inner.head, (state.clone(), clocks.clone()));
             self.round(run, inner)?;
             let Some((_, after)) = run.pending.remove(&inner.head) else { return Ok(()) };
-            let (nodes, cycles, enables) = (inner.nodes.len(), after.total, state.enables);
-            run.note_turn(Turn { nodes, head: inner.head, cycles, enables });
+            run.note_turn(Turn {
+                nodes: inner.nodes.len(),
+                head: inner.head,
+                cycles: after.total,
+                is_named: false,
+                is_open: after.opens > 0,
+                enables: state.enables,
+            });
             let mut joined = clocks.clone();
-            joined.join(&Clocks { total: 0, looked: Looked::at_entry(), ..after });
+            joined.join(&Clocks { total: 0, looked: Looked::at_entry(), opens: 0, ..after });
             if joined == clocks {
                 return Ok(());
             }
@@ -172,6 +215,53 @@ impl Timing<'_, '_> {
             }
             clocks = joined;
         }
+        Ok(())
+    }
+
+    /// Follows a loop whose rounds are not counted, from the state that is true in each of them.
+    /// The last round counts, on the way to what follows the loop.
+    fn open(
+        &mut self,
+        run: &mut Run,
+        inner: &Loop,
+        annotation: &annotations::Loop,
+        until: &str,
+    ) -> Result<()> {
+        let Some((mut state, mut clocks)) = run.pending.remove(&inner.head) else { return Ok(()) };
+        if let Some(any) = run.summary.states.get(&inner.head) {
+            state = any.clone();
+        }
+        clocks.open();
+        let mut cycles = 0;
+        for round in 0.. {
+            run.pending.insert(inner.head, (state.clone(), clocks.clone()));
+            self.round(run, inner)?;
+            let Some((_, after)) = run.pending.remove(&inner.head) else { break };
+            let is_bounded = after.total != u32::MAX;
+            cycles = if is_bounded { cycles.max(after.total - clocks.total) } else { u32::MAX };
+            if annotation.is_turn {
+                run.note_turn(Turn {
+                    nodes: inner.nodes.len(),
+                    head: inner.head,
+                    cycles,
+                    is_named: true,
+                    is_open: after.opens > clocks.opens,
+                    enables: state.enables,
+                });
+            }
+            let mut joined = clocks.clone();
+            joined.join(&Clocks { total: clocks.total, opens: clocks.opens, ..after });
+            if joined == clocks {
+                break;
+            }
+            if round > 0 {
+                joined.never_end_where_longer(&clocks);
+                joined.looked.pass(u32::MAX);
+            }
+            clocks = joined;
+        }
+        let (until, reason) = (until.into(), annotation.reason.clone());
+        run.opens.push((inner.head, Open { number: number(run, inner), cycles, until, reason }));
         Ok(())
     }
 }

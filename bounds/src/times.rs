@@ -13,6 +13,7 @@ use crate::opcode::Op;
 use crate::path::{Time, Turn};
 use crate::program::Program;
 use crate::stack::Analysis;
+use crate::text::Text;
 use crate::whole::{handler, reset, vector_cycles, vectors};
 
 /// A number of cycles, or none if a loop has no bound: then `null` in JSON.
@@ -118,10 +119,27 @@ pub struct LoopBound {
     pub place: String,
     /// Its number in the function, by which an annotation can name it.
     pub number: usize,
+    /// The text of its first instruction.
+    pub begins: String,
     /// How often it goes back to its beginning, at most, each time it is reached.
     pub rounds: u32,
     /// Cycles of these rounds.
     pub cycles: u32,
+}
+
+/// A loop whose rounds are not counted, because something outside of the chip ends it.
+#[derive(Debug, Clone, Serialize)]
+pub struct OpenLoop {
+    /// Its first instruction.
+    pub place: String,
+    /// Its number in the function, by which an annotation can name it.
+    pub number: usize,
+    /// Cycles of its longest round.
+    pub cycles: Cycles,
+    /// What ends it.
+    pub until: String,
+    /// Why its time has a bound, or need not have one.
+    pub reason: String,
 }
 
 /// The times of a program.
@@ -133,6 +151,11 @@ pub struct Times {
     pub stretches: Vec<StretchTime>,
     /// The main loop.
     pub turn: Option<TurnTime>,
+    /// Of a program that begins elsewhere: the longest time from the reset to its jump to 0, where
+    /// another program begins.
+    pub start: Option<Cycles>,
+    /// The loops whose rounds are not counted.
+    pub open: Vec<OpenLoop>,
     /// The loops with a bound, the longest first.
     pub loops: Vec<LoopBound>,
     /// Interrupts that mask themselves while their handlers run, and that the main program enables
@@ -143,6 +166,12 @@ pub struct Times {
 }
 
 impl Times {
+    /// True if each loop has a bound, or an annotation that says what ends it.
+    pub fn is_explained(&self) -> bool {
+        let open = self.open.iter().all(|found| found.cycles.is_bounded());
+        open && self.missing.is_empty() && self.start.is_none_or(Cycles::is_bounded)
+    }
+
     /// True if each handler and each stretch has a bound. A turn of the main loop may wait.
     pub fn is_bounded(&self) -> bool {
         let stretches = self.stretches.iter().map(|stretch| stretch.cycles);
@@ -171,15 +200,16 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
     }
     let mut timing = Timing::new(analysis, watches.clone());
     // What is blocked from the reset to the first time that interrupts are enabled is no stretch.
-    timing.function(reset).context("from the start of the program")?;
+    let start = timing.function(reset).context("from the start of the program")?;
+    let start = start.restart.filter(|_| program.entry != 0).map(Cycles);
     let turn = timing.turn.take();
     let is_enabled = |watch: &&Watch| turn.is_none_or(|turn| watch.is_enabled(&turn.enables));
     let partly = watches.iter().filter(|watch| !is_enabled(watch)).map(|watch| watch.name());
     let partly_enabled = partly.collect();
-    let turn = turn.map(|Turn { head, cycles, .. }| TurnTime {
+    let turn = turn.map(|Turn { head, cycles, is_open, .. }| TurnTime {
         place: program.place(head),
         head,
-        cycles: Cycles(cycles),
+        cycles: Cycles(if is_open { u32::MAX } else { cycles }),
     });
     let mut handlers = Vec::new();
     for (interrupt, address) in vectors {
@@ -194,7 +224,11 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
             }
         }
         if let Some((_, clocks)) = &time.exit {
-            let cycles = Cycles(before.saturating_add(clocks.total));
+            if clocks.opens > 0 {
+                let text = format!("the handler of {name} contains a loop that is not counted");
+                timing.missing.insert(text);
+            }
+            let cycles = Cycles(before.saturating_add(clocks.bounded_total()));
             let (bits, looks) = (bits(program, &time, before), looks(program, clocks));
             handlers.push(HandlerTime { interrupt: name, cycles, bits, looks });
         }
@@ -215,12 +249,24 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
     let loops = timing.bounds.iter().map(|(head, bound)| LoopBound {
         place: program.place(*head),
         number: bound.number,
+        begins: program
+            .instruction(*head)
+            .map_or(String::new(), |first| Text(first.op, *head).to_string()),
         rounds: bound.rounds,
         cycles: bound.cycles,
     });
     let mut loops: Vec<LoopBound> = loops.collect();
     loops.sort_by_key(|found| std::cmp::Reverse(found.cycles));
+    let open = timing.opens.iter().map(|(head, open)| OpenLoop {
+        place: program.place(*head),
+        number: open.number,
+        cycles: Cycles(open.cycles),
+        until: open.until.clone(),
+        reason: open.reason.clone(),
+    });
     Ok(Times {
+        open: open.collect(),
+        start,
         loops,
         handlers,
         stretches: stretches.collect(),

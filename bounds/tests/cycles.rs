@@ -5,7 +5,7 @@ mod support;
 use bounds::annotations::Annotations;
 use bounds::stack::Analysis;
 use bounds::times::{Times, times};
-use support::{assembled, build, compiled, read};
+use support::{assembled, build, compiled, read, refusal};
 
 /// Sets SP, and enables INT0 and interrupts.
 const BEGIN: &str = "
@@ -99,6 +99,78 @@ fn an_unbounded_loop_of_the_main_program_leaves_the_handlers_bounded() {
     assert_eq!(handler(&times), 1);
     assert!(times.is_bounded());
     assert!(!times.turn.unwrap().cycles.is_bounded());
+}
+
+/// A wait for something outside of the chip.
+const UNTIL: &str = "[[loop]]\nfunction = \"int0\"\nuntil = \"a test\"\nreason = \"a test\"";
+
+#[test]
+fn a_wait_for_something_outside_is_listed_and_not_counted() {
+    // SEI of the start, LDS 2, TST 1, BRNE 2; CLI 1, NOP 1, SEI 1, RJMP 2 in each turn.
+    let main = "2: cli\nnop\nsei\n1: lds r24, 0x100\ntst r24\nbrne 1b\nrjmp 2b";
+    let times = timed(main, "nop", &UNTIL.replace("int0", "start"));
+    let [open] = &times.open[..] else { panic!("{times:?}") };
+    assert_eq!((open.number, open.cycles.0, open.until.as_str()), (2, 5, "a test"));
+    assert!(times.is_explained() && times.is_bounded(), "{times:?}");
+    assert!(stretches(&times, "interrupts").contains(&3), "{times:?}");
+    // The turn contains the wait.
+    assert!(!times.turn.unwrap().cycles.is_bounded());
+}
+
+#[test]
+fn a_wait_for_something_outside_leaves_a_handler_without_a_bound() {
+    let times = timed(NO_MAIN, "1: lds r24, 0x100\ntst r24\nbrne 1b", UNTIL);
+    assert!(!times.is_bounded());
+    assert!(times.missing[0].contains("INT0 contains a loop that is not counted"), "{times:?}");
+}
+
+#[test]
+fn a_wait_for_something_outside_leaves_a_blocked_stretch_without_a_bound() {
+    let main = "2: cli\n1: lds r24, 0x100\ntst r24\nbrne 1b\nsei\nrjmp 2b";
+    let times = timed(main, "nop", &UNTIL.replace("int0", "start"));
+    assert!(!times.is_bounded(), "{times:?}");
+}
+
+#[test]
+fn the_rounds_that_an_annotation_names_are_the_turns() {
+    // LDS 2, TST 1, BRNE 2.
+    let main = "2: nop\n1: lds r24, 0x100\ntst r24\nbrne 1b\nrjmp 2b";
+    let annotation = format!("{}\nis_turn = true", UNTIL.replace("int0", "start"));
+    assert_eq!(timed(main, "nop", &annotation).turn.unwrap().cycles.0, 5);
+}
+
+#[test]
+fn an_annotation_of_a_loop_that_begins_otherwise_is_refused() {
+    let text = "1: lds r24, 0x100\ntst r24\nbrne 1b";
+    let annotation = "[[loop]]\nfunction = \"int0\"\nnumber = 1\nbegins = \"nop\"\n\
+                      at_most = 4\nreason = \"a test\"";
+    assert!(timed(NO_MAIN, text, &annotation.replace("nop", "lds r24, 0x0100")).is_bounded());
+    let program =
+        assembled("cycles", &format!("{BEGIN}{NO_MAIN}\n.type int0, @function\nint0:{text}\nreti"));
+    let annotations = Annotations::parse(annotation).unwrap();
+    let text = refusal(times(&mut Analysis::new(&program, &annotations)));
+    assert!(text.contains("loop 1 begins with `lds r24, 0x0100`"), "{text}");
+}
+
+#[test]
+fn a_loader_has_a_time_from_the_reset_to_the_jump_to_0() {
+    // EOR 1; IN 1, SBRS 1 and no skip, RJMP 2, NOP 1, JMP 3; the other path skips.
+    let text = ".global start\nstart: eor r1, r1\nin r24, 3\nsbrs r24, 0\nrjmp 1f\nrjmp 2f\n\
+                1: nop\n2: jmp 0";
+    let program = read(&build("loader", "S", text, LOADER));
+    let none = Annotations::default();
+    assert_eq!(times(&mut Analysis::new(&program, &none)).unwrap().start.unwrap().0, 9);
+}
+
+/// Rounds that are not followed one by one.
+#[test]
+fn an_annotated_loop_of_many_rounds_has_all_their_time() {
+    let text = "1: lds r24, 0x100\ntst r24\nbrne 1b";
+    let annotation = "[[loop]]\nfunction = \"int0\"\nat_most = 4000\nreason = \"a test\"";
+    assert_eq!(handler(&timed(NO_MAIN, text, annotation)), 4001 * 5 - 1);
+    // A counter that the wait does not depend on: INC 1.
+    let text = "1: inc r25\nlds r24, 0x100\ntst r24\nbrne 1b";
+    assert_eq!(handler(&timed(NO_MAIN, text, annotation)), 4001 * 6 - 1);
 }
 
 #[test]
