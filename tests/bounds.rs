@@ -68,6 +68,19 @@ fn the_programs_that_ship_stay_within_their_bounds_on_a_full_bus() {
     }
 }
 
+#[test]
+fn the_bootloader_stays_within_its_bounds_on_a_blocked_bus() {
+    let wiring = rig::board();
+    let report = rig::loader::report(&wiring);
+    let pairs = rig::loader::observed(&wiring, &report);
+    check("bootloader", &pairs);
+    // Most of a turn is the wait for the bus, and most of the start the CRC of the program.
+    for name in ["from the reset to the program", "turn of the main loop"] {
+        let pair = pairs.iter().find(|pair| pair.name == name).expect("a figure");
+        assert!(pair.observed > pair.proved / 10 * 7, "{pair:?}");
+    }
+}
+
 /// These firmwares enable no interrupts.
 #[test]
 fn firmwares_with_third_party_drivers_stay_within_their_stack() {

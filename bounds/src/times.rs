@@ -145,6 +145,8 @@ pub struct OpenLoop {
 /// The times of a program.
 #[derive(Debug, Clone, Serialize)]
 pub struct Times {
+    /// Address of the program's first instruction.
+    pub entry: u32,
     /// The handlers that a vector leads to.
     pub handlers: Vec<HandlerTime>,
     /// The longest stretches, those of each interrupt together.
@@ -265,6 +267,7 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
         reason: open.reason.clone(),
     });
     Ok(Times {
+        entry: program.entry,
         open: open.collect(),
         start,
         loops,

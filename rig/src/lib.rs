@@ -8,6 +8,7 @@
 pub mod faults;
 pub mod flood;
 pub mod load;
+pub mod loader;
 pub mod manage;
 pub mod observed;
 pub mod page;

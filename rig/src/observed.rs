@@ -4,7 +4,8 @@
 //!
 //! A handler takes from the response of the core to the end of RETI. A stretch takes from the
 //! instruction that blocks, or the response, to the end of the instruction that ends it. The time
-//! of a handler that interrupts another, a stretch or a turn does not count for these.
+//! of a handler that interrupts another, a stretch or a turn does not count for these. A program
+//! that begins elsewhere than at 0, a bootloader, is not observed while another one runs.
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -37,6 +38,8 @@ pub struct Observed {
     pub turn: u32,
     /// Number of turns.
     pub turns: u64,
+    /// The longest time from the reset to the jump to 0 of a program that begins elsewhere.
+    pub start: u32,
     /// The lowest stack pointer.
     pub lowest_sp: u16,
 }
@@ -79,6 +82,10 @@ struct State {
     flash: Vec<u8>,
     watches: Vec<Watch>,
     head: Option<u32>,
+    /// Address of the program's first instruction.
+    entry: u32,
+    /// When the program began; `None` while another one runs.
+    began: Option<Cycles>,
     levels: Vec<Level>,
     before: Option<(u32, Cycles)>,
     observed: Observed,
@@ -98,8 +105,17 @@ impl State {
         let (pc, sp, at) = (moment.pc(), moment.sp(), moment.at());
         let Some((last_pc, last_at)) = self.before.replace((pc, at)) else { return };
         let last = self.opcode(last_pc);
-        if pc == 0 {
+        if pc == self.entry {
+            self.began = Some(at);
             self.start();
+            return;
+        }
+        if pc == 0
+            && let Some(began) = self.began.take()
+        {
+            self.observed.start = self.observed.start.max((at - began) as u32);
+        }
+        if self.began.is_none() {
             return;
         }
         if pc < VECTORS_END && last_pc >= VECTORS_END {
@@ -211,6 +227,8 @@ impl Observer {
             flash: avr.flash().to_vec(),
             watches: names.into_iter().map(Watch::named).collect(),
             head: proved.turn.as_ref().map(|turn| turn.head),
+            entry: proved.entry,
+            began: Some(0),
             levels: Vec::new(),
             before: None,
             observed: Observed { lowest_sp: u16::MAX, ..Observed::default() },
@@ -269,6 +287,9 @@ impl Observed {
             let place = proved.map_or(String::new(), |stretch| stretch.begins.clone());
             let proved = proved.map_or(0, |stretch| stretch.cycles.0);
             add(format!("{name} blocked, {from:#x} to {to:#x} {place}"), proved, *observed);
+        }
+        if let Some(start) = &times.start {
+            add("from the reset to the program".into(), start.0, self.start);
         }
         if let Some(turn) = &times.turn {
             add("turn of the main loop".into(), turn.cycles.0, self.turn);
