@@ -12,10 +12,11 @@ use bench::board::Board;
 use bench::{Bench, root, target_dir};
 use bounds::annotations::Annotations;
 use bounds::chip::Chip;
-use bounds::report::Report;
+use bounds::report::{Report, Scope};
 use rig::flood::{Flood, Scenario, Setup, Traffic};
 use rig::load::{Kind, Load, Pace, Sender};
 use rig::observed::{Observer, Pair};
+use rig::reception::Reception;
 use rig::{MS, parallel};
 
 /// Simulated time of each flood.
@@ -27,7 +28,8 @@ fn proved(elf: &Path, annotations: &str) -> Report {
     let annotations = Annotations::parse(annotations).expect("annotations");
     let bytes = fs::read(elf).unwrap_or_else(|error| panic!("{}: {error}", elf.display()));
     let chip = Chip::of_elf(&bytes).expect("an ELF").unwrap_or(Chip::Atmega168);
-    Report::of(&bytes, chip, annotations, true).unwrap_or_else(|error| panic!("{error:#}"))
+    Report::of(&bytes, chip, annotations, Scope::Everything)
+        .unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 /// Prints the figures, and fails if one exceeds its proof.
@@ -78,6 +80,24 @@ fn the_bootloader_stays_within_its_bounds_on_a_blocked_bus() {
     for name in ["from the reset to the program", "turn of the main loop"] {
         let pair = pairs.iter().find(|pair| pair.name == name).expect("a figure");
         assert!(pair.observed > pair.proved / 10 * 7, "{pair:?}");
+    }
+}
+
+/// Cycles that the calculation of the reception must leave.
+const LEAST_MARGIN: i64 = 10;
+
+/// With several outputs it is only tested (tests/full_bus.rs).
+#[test]
+fn it_is_proved_that_a_node_with_one_output_loses_no_frame_in_its_controller() {
+    let presets: BTreeSet<PathBuf> = setups().iter().map(Setup::elf).collect();
+    let presets: Vec<PathBuf> = presets.into_iter().collect();
+    let margins = parallel::each(&presets, |elf| {
+        let elf = fs::read(elf).expect("the program was built");
+        Reception::of(&elf, false).least_margin()
+    });
+    for (elf, margin) in presets.iter().zip(margins) {
+        println!("{}: {margin:?}", elf.display());
+        assert!(margin.is_some_and(|cycles| cycles >= LEAST_MARGIN), "{}", elf.display());
     }
 }
 

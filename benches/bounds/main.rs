@@ -2,30 +2,37 @@
 //! the reception, and writes them to docs/benchmarks.md.
 //!
 //! Each program of both chips runs in floods of each kind of frame, of [`FLOOD_MS`] simulated time
-//! each.
+//! each, and the loaders run as in [`rig::loader`].
 
+mod reason;
 mod reception;
 
-use std::collections::BTreeMap;
-use std::fmt::Write as _;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 
-use bench::root;
-use bounds::annotations::Annotations;
-use bounds::chip::Chip;
-use bounds::report::Report;
-use reception::Reception;
+use bench::wiring::Wiring;
+use bounds::report::{Report, Scope};
 use rig::flood::{Flood, Scenario, Setup, Traffic};
 use rig::observed::{Observer, Pair};
-use rig::parallel;
+use rig::reception::{report, report_of_frames};
+use rig::{loader, parallel};
+
+use reason::Reason;
+use reception::{Seen, queue_row, reception_rows};
 
 /// Simulated time of each flood.
 const FLOOD_MS: u64 = 200;
 
 const HEADING: &str = "## Proved and observed";
 
-/// A ratio above this needs a reason.
-const EXPLAINED: f64 = 1.5;
+/// Boards of whose loaders the page tells: one for each chip.
+const LOADERS: [&str; 2] = ["diecimila", "uno"];
+
+/// A figure, and why its bound is loose.
+struct Row {
+    pair: Pair,
+    reason: Reason,
+}
 
 fn main() {
     // Cargo also asks bench targets to list their tests.
@@ -37,35 +44,28 @@ fn main() {
         programs.entry(program(setup)).or_default().push(setup);
     }
     let mut figures = String::from(
-        "| program | figure | proved | observed | ratio |\n| --- | --- | ---: | ---: | ---: |\n",
+        "| program | figure | proved | observed | ratio | why above 1.5 |\n\
+         | --- | --- | ---: | ---: | ---: | --- |\n",
     );
-    let mut receptions = Reception::heading();
+    let (mut receptions, mut queues) = (reception::heading(), reception::queue_heading());
     for (name, setups) in &programs {
         let elf = fs::read(setups[0].elf()).expect("the program was built");
-        let report = report(&elf, |_| {});
-        for Pair { name: figure, proved, observed } in observed(setups, &report) {
-            let proved = f64::from(proved);
-            let ratio = if observed == 0 { 0.0 } else { proved / f64::from(observed) };
-            let mark = if ratio > EXPLAINED { "*" } else { "" };
-            let _ = writeln!(
-                figures,
-                "| {name} | {figure} | {proved} | {observed} | {ratio:.2}{mark} |"
-            );
-        }
-        for has_edges in [false, true] {
-            let several = setups.iter().any(|setup| setup.outputs() > 1);
-            if !has_edges || several {
-                let kind = match (has_edges, several) {
-                    (true, _) => ", several outputs",
-                    (false, true) => ", one output",
-                    _ => "",
-                };
-                let row = Reception::of(&elf, has_edges).row(&format!("{name}{kind}"));
-                receptions.push_str(&row);
-            }
+        let report = report(&elf, Scope::Everything, |_| {});
+        let (rows, seen) = observed(setups, &elf, &report);
+        rows.iter().for_each(|row| figures.push_str(&row.text(name)));
+        receptions.push_str(&reception_rows(name, &elf, &seen));
+        queues.push_str(&queue_row(name, &report, &seen, &rows));
+    }
+    for name in LOADERS {
+        let wiring = Wiring::of(name, "seeed").unwrap_or_else(|error| panic!("{error:#}"));
+        let report = loader::report(&wiring);
+        for pair in loader::observed(&wiring, &report) {
+            let row = Row { pair, reason: Reason::none() };
+            figures.push_str(&row.text(&format!("loader, {}", wiring.chip.name())));
         }
     }
-    let part = format!("{HEADING}\n\n{TEXT}\n{figures}\n{RATIOS}\n{RECEPTION}\n{receptions}");
+    let reception = format!("{}\n{receptions}\n{}\n{queues}", reception::TEXT, reception::QUEUE);
+    let part = format!("{HEADING}\n\n{TEXT}\n{figures}\n{reception}");
     print!("{part}");
     rig::page::write_part(HEADING, &part);
 }
@@ -74,39 +74,55 @@ fn program(setup: Setup) -> String {
     format!("{:?}", setup.preset).to_lowercase()
 }
 
-/// What is proved of a program with the project's annotations, which `change` may change.
-pub fn report(elf: &[u8], change: impl FnOnce(&mut Annotations)) -> Report {
-    let text = fs::read_to_string(root().join("avr-specs/bounds.toml")).expect("the annotations");
-    let mut annotations = Annotations::parse(&text).expect("annotations");
-    change(&mut annotations);
-    let chip = Chip::of_elf(elf).expect("an ELF").expect("the program names its chip");
-    Report::of(elf, chip, annotations, true).expect("the program can be followed")
+impl Row {
+    /// The row of the table.
+    fn text(&self, program: &str) -> String {
+        let Pair { name, proved, observed } = &self.pair;
+        let ratio = f64::from(*proved) / f64::from(*observed);
+        let why = self.reason.text(name, ratio);
+        format!("| {program} | {name} | {proved} | {observed} | {ratio:.2} | {why} |\n")
+    }
 }
 
-/// The longest of all floods, the stretches of each interrupt together.
-fn observed(setups: &[Setup], report: &Report) -> Vec<Pair> {
+/// The longest of all floods, the stretches of each interrupt together, and what was seen of the
+/// queues of each setup.
+fn observed(setups: &[Setup], elf: &[u8], report: &Report) -> (Vec<Row>, Vec<Seen>) {
     let floods: Vec<Scenario> = setups
         .iter()
         .flat_map(|setup| Traffic::all(*setup).into_iter().map(|kind| Scenario::full(*setup, kind)))
+        .map(|flood| Scenario { measures_service: true, ..flood })
         .collect();
     let times = report.times.as_ref().expect("times");
+    let one = report_of_frames(elf, 1);
     let all = parallel::each(&floods, |scenario| {
         let mut flood = Flood::new(*scenario);
         let observer = Observer::begin(flood.rig.board().avr_mut(), times);
         flood.run_ms(FLOOD_MS);
-        observer.observed().beside(report)
+        (observer.observed(), Seen::of(scenario, &flood.outcome))
     });
-    let mut longest: Vec<Pair> = Vec::new();
-    for pair in all.into_iter().flatten() {
-        let name = without_addresses(&pair.name);
-        match longest.iter_mut().find(|other| other.name == name && other.proved == pair.proved) {
-            Some(known) => known.observed = known.observed.max(pair.observed),
-            None => longest.push(Pair { name, ..pair }),
+    let ran: BTreeSet<&str> =
+        all.iter().flat_map(|(observed, _)| observed.handlers.keys().copied()).collect();
+    let mut longest: Vec<Row> = Vec::new();
+    let mut seen = Vec::new();
+    for (observed, queue) in all {
+        seen.push(queue);
+        for (pair, of_one) in observed.beside(report).into_iter().zip(observed.beside(&one)) {
+            let name = without_addresses(&pair.name);
+            let known = longest
+                .iter_mut()
+                .find(|row| row.pair.name == name && row.pair.proved == pair.proved);
+            match known {
+                Some(known) => known.pair.observed = known.pair.observed.max(pair.observed),
+                None => {
+                    let reason = Reason::of(&pair, &of_one, report, &ran);
+                    longest.push(Row { pair: Pair { name, ..pair }, reason });
+                }
+            }
         }
     }
     // Of a handler there is a row already.
-    longest.retain(|pair| !pair.name.contains("__vector") && pair.proved != u32::MAX);
-    longest
+    longest.retain(|row| !row.pair.name.contains("__vector") && row.pair.proved != u32::MAX);
+    (longest, seen)
 }
 
 /// Addresses differ with each change of the program.
@@ -117,38 +133,8 @@ fn without_addresses(name: &str) -> String {
 
 const TEXT: &str = "\
 Written by `make bounds-page`. *Proved* is the longest path of the machine code (bounds.md),
-*observed* the most in floods of each kind of frame. Cycles of 62.5 ns; the stack in bytes. INT0 is
-the interrupt of the controller. A stretch of the main loop takes from the instruction that masks it
-to the one that unmasks it.
-";
-
-const RATIOS: &str = "\
-The ratios above 1.5, marked by `*`:
-
-* *Handler of INT0*: the proof reads three frames in one call, and on the ATmega328P eight, as many
-  as the queue has places. In the floods the handler reads each frame before the next one ends. For
-  one frame the proof is 925 to 953 cycles: it checks for a second one.
-* *INT0 blocked* for more than 2,000 cycles in the main loop is the same code, called when INT0 has
-  missed a frame, which is one frame at most in the floods.
-* *Handler of TIMER0_COMPB*: the proof adds up a handler that waits for the farthest edge and passes
-  over all outputs without a pulse.
-* *The turn of the main loop* is a sum over all parts of a turn. The agenda chooses one of them, by
-  values in RAM that the analysis does not follow. So it is no bound to plan with.
-";
-
-const RECEPTION: &str = "\
-### Reception
-
-Frames arrive as fast as the bus allows, without stuff bits: 1,072 cycles for a frame without data,
-1,328 for the shortest of a transfer, 2 bytes, and 128 for each further byte. A frame waits at most
-for the *rest* of the handler, which has just looked at INT, for the longest *masked* stretch of the
-main loop, and for its own *release*; each *further frame* adds its part while there is a backlog.
-The handler of the millisecond interrupts all of these, and with several outputs that of the edges
-each 100 us. The table has the longest time from the end of a frame to the release of its buffer
-(frames each 1,328 cycles), and the margin until a frame would be lost: at the second frame behind
-it with two buffers, at the next one with one. SafetyState, ArmingStatus and ServoCommand have one
-buffer and 2 bytes, all other types two buffers: a command 5 bytes or more, a request 1 or more.
-*Only tested*: the calculation does not prove it; a negative number is what is missing. The floods
-of `make losses` and `make test` test it. The queue of received frames needs a bound of the main
-loop's turn, so it is only tested.
+*observed* the most in floods of each kind of frame. Cycles of 62.5 ns; the stack in bytes, where a
+ratio above 1.25 has a reason. INT0 is the interrupt of the controller. A stretch of the main loop
+takes from the instruction that masks it to the one that unmasks it. The loader sends a response of
+seven frames while others keep each of them from the bus, and checks the longest program.
 ";

@@ -1,185 +1,150 @@
-//! The calculation that the controller's receive buffers never overflow, from what is proved of
-//! the handler of its interrupt: response-time analysis of frames that come as fast as the bus
-//! allows (Davis, Burns, Bril, Lukkien: Controller Area Network schedulability analysis, 2007).
-//!
-//! A frame waits for the rest of the handler, which has just looked at INT; for the longest masked
-//! stretch of the main program, which begins then; for the handler, until it releases the buffer;
-//! and for the frames before it. Other handlers interrupt all of these. INT is low only while a
-//! frame waits: the controller has no other interrupt enabled.
+//! The tables of the reception: the controller's buffers ([`rig::reception`]) and the queue.
 
 use std::fmt::Write as _;
 
-use bounds::annotations::Loop;
 use bounds::report::Report;
-use bounds::times::{HandlerTime, Times};
+use rig::flood::{Outcome, Scenario};
+use rig::reception::{Buffers, LENGTHS, Reception, SHORT, frame_cycles, limit};
 
-use super::report;
+use super::Row;
 
-/// Cycles of a bit at 1 Mbit/s.
-const BIT: u32 = 16;
-/// Bits of an extended frame without data and stuff bits, with the three bits before the next.
-const FRAME_BITS: u32 = 67;
-/// Lengths of the table, in bytes: the shortest frame, that of types with one buffer, a command,
-/// the longest.
-const LENGTHS: [u32; 4] = [0, 2, 5, 8];
-/// The length of frames with one buffer, in bytes.
-const SHORT: u32 = 2;
-/// Instructions of the main program between two interrupts, and the longest before the response.
-const INSTRUCTIONS: u32 = 5 + 4;
-/// Between two ticks of the millisecond.
-const TICK: u32 = 16_000;
-/// Between two edges of the outputs: 100 us (src/board/outputs.rs).
-const EDGE: u32 = 1_600;
-/// Frames that are followed. A backlog that lasts longer never ends.
-const MOST_FRAMES: u32 = 10_000;
-/// EIMSK in the data space.
-const EIMSK: u16 = 0x3D;
-
-/// What the calculation needs, in cycles.
-pub struct Reception {
-    /// The handler from its last look at INT to its end.
-    rest: u32,
-    /// The longest masked stretch of the main program.
-    masked: u32,
-    /// From the response to the release of the first frame.
+/// What a flood has shown.
+pub struct Seen {
+    has_several_outputs: bool,
+    /// The longest time from the end of a frame to its release, in cycles.
     release: u32,
-    /// The same of a frame of [`SHORT`] bytes.
-    short_release: u32,
-    /// Each further frame.
-    frame: u32,
-    /// The handler of the millisecond, and the one of the edges: cycles and the time between two.
-    others: Vec<(u32, u32)>,
+    /// Most frames in the queue, and its places.
+    deepest: u8,
+    places: u8,
+    lost: u64,
 }
 
-impl Reception {
-    /// Of a program. `has_edges`: several outputs are in use.
-    pub fn of(elf: &[u8], has_edges: bool) -> Self {
-        let with = |frames: u32, bytes: u32| {
-            report(elf, |annotations| {
-                let fetch = annotations.loops.iter_mut().filter(|entry| entry.function == "fetch");
-                fetch.for_each(|entry| entry.at_most = Some(frames));
-                annotations.loops.insert(0, reads(bytes));
-            })
-        };
-        let (none, one, two) = (with(0, 8), with(1, 8), with(2, 8));
-        let release = |report: &Report| {
-            // CS rises after READ RX BUFFER, and at last after the check behind it.
-            let bits = handler(report, "INT0").bits.iter();
-            let rises = bits.filter(|bit| bit.is_set && bit.register != EIMSK);
-            rises.map(|bit| bit.cycles.0).min().expect("CS rises in the handler")
-        };
-        let further = |report: &Report| handler(report, "INT0").cycles.0;
-        let looks = handler(&none, "INT0").looks.iter().map(|look| look.cycles.0);
-        let mut others = vec![(handler(&none, "TIMER0_COMPA").cycles.0, TICK)];
-        if has_edges {
-            others.push((handler(&none, "TIMER0_COMPB").cycles.0, EDGE));
-        }
-        let masked = times(&none)
-            .stretches
-            .iter()
-            .filter(|stretch| stretch.blocks == "INT0" && !stretch.begins.contains("__vector"));
+impl Seen {
+    /// Of a flood.
+    pub fn of(scenario: &Scenario, outcome: &Outcome) -> Self {
         Self {
-            rest: looks.max().expect("the handler looks at INT"),
-            masked: masked.map(|stretch| stretch.cycles.0).max().unwrap_or(0),
-            release: release(&none),
-            short_release: release(&with(0, SHORT)),
-            frame: further(&two) - further(&one),
-            others,
+            has_several_outputs: scenario.setup.outputs() > 1,
+            release: outcome.meter.latency.max(),
+            deepest: outcome.deepest,
+            places: outcome.places,
+            lost: outcome.meter.lost,
         }
     }
+}
 
-    /// Time of the handlers that interrupt, in a window.
-    fn interrupted(&self, window: u32) -> u32 {
-        self.others.iter().map(|(cycles, every)| window.div_ceil(*every) * cycles).sum()
+/// The heading of the table of the buffers.
+pub fn heading() -> String {
+    let mut heading =
+        String::from("| program | rest | masked | release | further frame | proved | observed | ");
+    for length in LENGTHS {
+        let _ = write!(heading, "two buffers, {length} B | ");
     }
+    let _ = write!(heading, "one buffer, {SHORT} B |\n| --- |");
+    heading.push_str(&" ---: |".repeat(6 + LENGTHS.len() + 1));
+    heading.push('\n');
+    heading
+}
 
-    /// The longest time from the end of a frame to the release of its buffer, if frames come each
-    /// `every` cycles. `None` if the backlog grows.
-    fn longest(&self, every: u32, release: u32) -> Option<u32> {
-        // Or the handler has just looked for other frames.
-        let before = (self.rest + self.masked + INSTRUCTIONS).max(self.frame);
-        let mut longest = 0;
-        for frames in 0..MOST_FRAMES {
-            let own = before + release + frames * self.frame;
-            let mut window = own;
-            while own + self.interrupted(window) > window {
-                window = own + self.interrupted(window);
-            }
-            let Some(response) = window.checked_sub(frames * every).filter(|left| *left > 0) else {
-                return Some(longest);
-            };
-            longest = longest.max(response);
-            // Without a backlog the next frame finds what the first one found.
-            if window + self.frame - release.min(self.frame) <= (frames + 1) * every {
-                return Some(longest);
-            }
-        }
-        None
+/// The rows of a program: with one output, and with several if it has them.
+pub fn reception_rows(name: &str, elf: &[u8], seen: &[Seen]) -> String {
+    let has_several = seen.iter().any(|seen| seen.has_several_outputs);
+    let of =
+        |is_several: bool| seen.iter().filter(move |seen| seen.has_several_outputs == is_several);
+    let one = row(&Reception::of(elf, false), name, has_several.then_some("one output"), of(false));
+    if !has_several {
+        return one;
     }
+    one + &row(&Reception::of(elf, true), name, Some("several outputs"), of(true))
+}
 
-    /// The heading of the table.
-    pub fn heading() -> String {
-        let mut heading = String::from(
-            "| program | rest | masked | release | further frame | longest time to release | ",
-        );
-        for length in LENGTHS {
-            let _ = write!(heading, "two buffers, {length} B | ");
-        }
-        heading.push_str("one buffer, 2 B |\n| --- |");
-        heading.push_str(&" ---: |".repeat(5 + LENGTHS.len() + 1));
-        heading.push('\n');
-        heading
-    }
-
-    /// A row: the margins of two buffers for each length, and of one buffer.
-    pub fn row(&self, name: &str) -> String {
-        let every = |length: u32| (FRAME_BITS + 8 * length) * BIT;
-        let margin = |length: u32, buffers: u32, release: u32| {
-            let limit = i64::from(buffers * every(length));
-            match self.longest(every(length), release) {
-                Some(longest) if i64::from(longest) <= limit => {
-                    (limit - i64::from(longest)).to_string()
-                }
-                Some(longest) => format!("only tested ({})", limit - i64::from(longest)),
-                None => "only tested".into(),
-            }
+/// A row: the margins of two buffers for each length, and of one buffer.
+fn row<'a>(
+    reception: &Reception,
+    name: &str,
+    outputs: Option<&str>,
+    seen: impl Iterator<Item = &'a Seen>,
+) -> String {
+    let observed = seen.map(|seen| seen.release).max().expect("a flood");
+    let name = outputs.map_or(name.into(), |outputs| format!("{name}, {outputs}"));
+    let Reception { rest, masked, release, frame, .. } = reception;
+    let proved = reception.response(SHORT, Buffers::Two);
+    let proved = proved.map_or("none".into(), |cycles| cycles.to_string());
+    let mut row =
+        format!("| {name} | {rest} | {masked} | {release} | {frame} | {proved} | {observed} |");
+    let two = LENGTHS.map(|bytes| (bytes, Buffers::Two));
+    for (bytes, buffers) in two.into_iter().chain([(SHORT, Buffers::One)]) {
+        let margin = reception.margin(bytes, buffers);
+        let tested = limit(bytes, buffers) - i64::from(observed);
+        let _ = match margin {
+            Some(cycles) if cycles >= 0 => write!(row, " {cycles} |"),
+            Some(cycles) => write!(row, " only tested: {tested} (proof {cycles}) |"),
+            None => write!(row, " only tested: {tested} ({}) |", backlog(reception, bytes)),
         };
-        let shown = self
-            .longest(every(SHORT), self.release)
-            .map_or("-".into(), |longest| longest.to_string());
-        let mut row = format!(
-            "| {name} | {} | {} | {} | {} | {shown} |",
-            self.rest, self.masked, self.release, self.frame
-        );
-        for length in LENGTHS {
-            let _ = write!(row, " {} |", margin(length, 2, self.release));
-        }
-        let _ = writeln!(row, " {} |", margin(SHORT, 1, self.short_release));
-        row
     }
+    row + "\n"
 }
 
-fn handler<'a>(report: &'a Report, name: &str) -> &'a HandlerTime {
-    let found = times(report).handlers.iter().find(|handler| handler.interrupt == name);
-    found.unwrap_or_else(|| panic!("a handler of {name}"))
+/// Why a backlog of frames of this length can grow: the time of a frame in the handler, with the
+/// handlers that interrupt it.
+fn backlog(reception: &Reception, bytes: u32) -> String {
+    let share: f64 =
+        reception.others.iter().map(|(cycles, every)| f64::from(*cycles) / f64::from(*every)).sum();
+    let frame = f64::from(reception.frame) / (1.0 - share);
+    format!("a frame takes up to {frame:.0} of {}", frame_cycles(bytes))
 }
 
-/// The loop that reads the identifier, and then so many bytes of data.
-fn reads(bytes: u32) -> Loop {
-    const IDENTIFIER: u32 = 4;
-    Loop {
-        function: "CanSpi::read".into(),
-        number: Some(1),
-        with: None,
-        chip: None,
-        begins: None,
-        at_most: Some(bytes.max(IDENTIFIER) - 1),
-        until: None,
-        is_turn: false,
-        reason: "the frame has no more bytes".into(),
-    }
+/// The heading of the table of the queue.
+pub fn queue_heading() -> String {
+    "| program | places | most used | frames lost | all places, 2 B | a turn, proved | a turn, \
+     observed | |\n| --- | ---: | ---: | ---: | ---: | ---: | ---: | --- |\n"
+        .into()
 }
 
-fn times(report: &Report) -> &Times {
-    report.times.as_ref().expect("times")
+/// The row of a program.
+pub fn queue_row(name: &str, report: &Report, seen: &[Seen], rows: &[Row]) -> String {
+    let most = |what: fn(&Seen) -> u8| seen.iter().map(what).max().expect("a flood");
+    let places = most(|seen| seen.places);
+    let fill = u32::from(places) * frame_cycles(SHORT);
+    let lost: u64 = seen.iter().map(|seen| seen.lost).sum();
+    let turn = report.times.as_ref().and_then(|times| times.turn.as_ref()).expect("a turn");
+    let observed = rows.iter().find(|row| row.pair.name == "turn of the main loop");
+    let observed = observed.map_or(0, |row| row.pair.observed);
+    // A turn acts on one frame.
+    let is_proved = turn.cycles.0 <= frame_cycles(SHORT);
+    let verdict =
+        if is_proved { "proved" } else { "only tested: a turn can be longer than a frame" };
+    let deepest = most(|seen| seen.deepest);
+    format!(
+        "| {name} | {places} | {deepest} | {lost} | {fill} | {} | {observed} | {verdict} |\n",
+        turn.cycles.0
+    )
 }
+
+/// What the table of the buffers says.
+pub const TEXT: &str = "\
+### Reception
+
+Frames arrive as fast as the bus allows, without stuff bits: 1,072 cycles for a frame without data,
+1,328 for the shortest of a transfer, 2 bytes, and 128 for each further byte. A frame waits at most
+for the *rest* of the handler, which has just looked at INT, for the longest *masked* stretch of the
+main loop, and for its own *release*; each *further frame* adds its part while there is a backlog.
+The handler of the millisecond interrupts all of these, and with several outputs that of the edges
+each 100 us. *Proved* is the longest time from the end of a frame to the release of its buffer
+(frames each 1,328 cycles), *observed* the longest in the floods. The other columns have the margin
+until a frame would be lost: at the second frame behind it with two buffers, at the next one with
+one. SafetyState, ArmingStatus and ServoCommand have one buffer and 2 bytes, all other types two
+buffers: a command 5 bytes or more, a request 1 or more. `make test` fails if a proved margin of a
+node with one output is less than 10 cycles.
+
+*Only tested*: the calculation does not prove it, and the number is the margin that the floods have
+left. In brackets is what the calculation has: the missing cycles, or why a backlog can grow.
+";
+
+/// What the table of the queue says.
+pub const QUEUE: &str = "\
+A turn of the main loop acts on one frame of the queue, or does one other thing. If no turn could be
+longer than a frame, it would be proved that the queue never overflows. The bound of a turn is
+longer, because it adds up parts that exclude each other, and so are turns that were seen: a command
+for a position alone takes longer than its frame (above, *Load*). So the queue rests on the mean of
+the turns, which `make losses`, `make test` and the floods of this page test.
+";

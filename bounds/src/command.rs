@@ -11,7 +11,7 @@ use clap::Parser;
 
 use crate::annotations::Annotations;
 use crate::chip::Chip;
-use crate::report::Report;
+use crate::report::{Report, Scope};
 
 /// Proves from the machine code of an AVR program how much stack and how many cycles it needs.
 #[derive(Debug, Clone, Parser)]
@@ -102,6 +102,7 @@ impl Options {
             (Some(_), Some(named)) => bail!("the program is for an {}", named.name()),
             (None, None) => bail!("the program does not name its chip: use --chip"),
         };
-        Report::of(elf, chip, annotations, !self.stack_only)
+        let scope = if self.stack_only { Scope::Stack } else { Scope::Everything };
+        Report::of(elf, chip, annotations, scope)
     }
 }

@@ -10,9 +10,21 @@ use crate::chip::{Chip, RAM_START};
 use crate::program::Program;
 use crate::stack::Analysis;
 use crate::times::{
-    BitTime, HandlerTime, LookTime, LoopBound, OpenLoop, StretchTime, Times, TurnTime, times,
+    BitTime, HandlerTime, LookTime, LoopBound, OpenLoop, StretchTime, Times, TurnTime,
+    handler_times, times,
 };
 use crate::whole::{self, Frame, Stack};
+
+/// What is to be found of a program.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// The stack.
+    Stack,
+    /// The stack, and the times of the interrupt handlers.
+    Handlers,
+    /// The stack, and all times.
+    Everything,
+}
 
 /// All that was found.
 #[derive(Debug, Serialize)]
@@ -34,17 +46,16 @@ impl Report {
     ///
     /// # Errors
     /// If it cannot be followed.
-    pub fn of(
-        elf: &[u8],
-        chip: Chip,
-        mut annotations: Annotations,
-        with_times: bool,
-    ) -> Result<Self> {
+    pub fn of(elf: &[u8], chip: Chip, mut annotations: Annotations, scope: Scope) -> Result<Self> {
         let program = Program::from_elf(elf, chip)?;
         annotations.keep_those_of(&program);
         let mut analysis = Analysis::new(&program, &annotations);
         let stack = whole::stack(&mut analysis)?;
-        let times = with_times.then(|| times(&mut analysis)).transpose()?;
+        let times = match scope {
+            Scope::Stack => None,
+            Scope::Handlers => Some(handler_times(&mut analysis)?),
+            Scope::Everything => Some(times(&mut analysis)?),
+        };
         Ok(Self::new(&program, stack, times))
     }
 

@@ -187,6 +187,18 @@ impl Times {
 /// # Errors
 /// If a path cannot be followed.
 pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
+    times_of(analysis, true)
+}
+
+/// Finds the longest times of the handlers only, which takes less time.
+///
+/// # Errors
+/// If a path cannot be followed.
+pub fn handler_times(analysis: &mut Analysis<'_>) -> Result<Times> {
+    times_of(analysis, false)
+}
+
+fn times_of(analysis: &mut Analysis<'_>, has_main: bool) -> Result<Times> {
     let program = analysis.program;
     let reset = reset(program);
     let has_interrupts = analysis.function(reset)?.enabled.is_some();
@@ -202,8 +214,9 @@ pub fn times(analysis: &mut Analysis<'_>) -> Result<Times> {
     }
     let mut timing = Timing::new(analysis, watches.clone());
     // What is blocked from the reset to the first time that interrupts are enabled is no stretch.
-    let start = timing.function(reset).context("from the start of the program")?;
-    let start = start.restart.filter(|_| program.entry != 0).map(Cycles);
+    let main = has_main.then(|| timing.function(reset)).transpose();
+    let main = main.context("from the start of the program")?;
+    let start = main.and_then(|time| time.restart.filter(|_| program.entry != 0)).map(Cycles);
     let turn = timing.turn.take();
     let is_enabled = |watch: &&Watch| turn.is_none_or(|turn| watch.is_enabled(&turn.enables));
     let partly = watches.iter().filter(|watch| !is_enabled(watch)).map(|watch| watch.name());

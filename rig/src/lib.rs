@@ -15,6 +15,7 @@ pub mod page;
 pub mod parallel;
 pub mod profile;
 pub mod queue;
+pub mod reception;
 pub mod soak;
 pub mod status;
 

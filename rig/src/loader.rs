@@ -12,7 +12,7 @@ use bench::wiring::{Wiring, preset};
 use bench::{Bench, bootloader, firmware_for};
 use bounds::annotations::Annotations;
 use bounds::chip::Chip;
-use bounds::report::Report;
+use bounds::report::{Report, Scope};
 
 use crate::MS;
 use crate::observed::{Observed, Observer, Pair};
@@ -46,7 +46,8 @@ pub fn report(wiring: &Wiring) -> Report {
     let text = fs::read_to_string(text).expect("the annotations");
     let annotations = Annotations::parse(&text).expect("annotations");
     let chip: Chip = wiring.chip.name().parse().expect("a chip");
-    Report::of(&elf, chip, annotations, true).unwrap_or_else(|error| panic!("{error:#}"))
+    Report::of(&elf, chip, annotations, Scope::Everything)
+        .unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 /// The figures that are proved of the loader of a board beside those that were seen.
