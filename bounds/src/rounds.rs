@@ -9,7 +9,7 @@ use crate::cycles::{NoBound, Timing};
 use crate::order::Loop;
 use crate::path::{Bound, Open, Run, Turn};
 use crate::stack::Analysis;
-use crate::state::State;
+use crate::state::{Interrupts, State};
 use crate::text::Text;
 use crate::wait;
 
@@ -208,6 +208,7 @@ impl<'a> Timing<'a, '_> {
             let mut joined = clocks.clone();
             joined.join(&Clocks { total: 0, looked: Looked::at_entry(), opens: 0, ..after });
             if joined == clocks {
+                self.never_ended(&state, &clocks, inner.head);
                 return Ok(());
             }
             if round > 0 {
@@ -216,6 +217,23 @@ impl<'a> Timing<'a, '_> {
             clocks = joined;
         }
         Ok(())
+    }
+
+    /// Notes the stretches that go on in all rounds of an endless loop because it is not known
+    /// whether interrupts are enabled. Where they are disabled for ever, the program has stopped.
+    fn never_ended(&mut self, state: &State, clocks: &Clocks, head: u32) {
+        if state.interrupts != Interrupts::Either {
+            return;
+        }
+        for (index, blocked) in clocks.blocked.iter().enumerate() {
+            let Some((_, begins)) = blocked.own else { continue };
+            self.ended.note(index, begins, head, u32::MAX);
+            self.missing.insert(format!(
+                "{}: interrupts are blocked from here on, and a value that is written to SREG \
+                 later is not known",
+                self.analysis.program.place(begins)
+            ));
+        }
     }
 
     /// Follows a loop whose rounds are not counted, from the state that is true in each of them.

@@ -193,6 +193,23 @@ fn a_stretch_without_interrupts_is_counted_to_the_instruction_that_ends_it() {
     assert_eq!(stretches(&timed(main, "nop", ""), "interrupts"), [12, 6]);
 }
 
+/// As with ATOMIC_BLOCK of avr-libc without optimisation.
+#[test]
+fn a_stretch_that_ends_by_an_unknown_sreg_has_no_bound() {
+    let main = "1: in r24, 0x3F\ncli\nsts 0x100, r24\nlds r25, 0x100\nout 0x3F, r25\nrjmp 1b";
+    let times = timed(main, "nop", "");
+    assert!(!times.is_bounded(), "{times:?}");
+    assert!(times.missing.iter().any(|text| text.contains("SREG")), "{times:?}");
+}
+
+#[test]
+fn a_program_that_stops_with_interrupts_disabled_is_bounded() {
+    // CLI 1, NOP 1, SEI 1.
+    let main = "1: cli\nnop\nsei\nsbis 0x03, 0\nrjmp 1b\ncli\n2: rjmp 2b";
+    let times = timed(main, "nop", "");
+    assert!(times.is_bounded() && stretches(&times, "interrupts").contains(&3), "{times:?}");
+}
+
 /// A function that is called while interrupts are disabled, and enables them.
 #[test]
 fn a_stretch_that_ends_in_a_function_counts() {
