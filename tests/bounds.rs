@@ -145,7 +145,8 @@ fn compiled(name: &str, optimisation: &str) -> PathBuf {
 
 #[test]
 fn programs_of_avr_gcc_stay_within_their_bounds() {
-    for (name, handlers) in [("state_machine", 2), ("nested", 2), ("masks", 2), ("sort", 1)] {
+    let programs = [("state_machine", 2), ("nested", 2), ("masks", 2), ("sort", 1), ("windows", 1)];
+    for (name, handlers) in programs {
         for optimisation in ["-Os", "-O1", "-O3"] {
             let elf = compiled(name, optimisation);
             let report = proved(&elf, "");

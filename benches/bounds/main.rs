@@ -60,7 +60,7 @@ fn main() {
         let wiring = Wiring::of(name, "seeed").unwrap_or_else(|error| panic!("{error:#}"));
         let report = loader::report(&wiring);
         for pair in loader::observed(&wiring, &report) {
-            let row = Row { pair, reason: Reason::none() };
+            let row = Row { pair, reason: Reason::None };
             figures.push_str(&row.text(&format!("loader, {}", wiring.chip.name())));
         }
     }
@@ -79,7 +79,7 @@ impl Row {
     fn text(&self, program: &str) -> String {
         let Pair { name, proved, observed } = &self.pair;
         let ratio = f64::from(*proved) / f64::from(*observed);
-        let why = self.reason.text(name, ratio);
+        let why = self.reason.text(&self.pair);
         format!("| {program} | {name} | {proved} | {observed} | {ratio:.2} | {why} |\n")
     }
 }

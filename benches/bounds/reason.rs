@@ -11,46 +11,53 @@ const EXPLAINED: f64 = 1.5;
 const EXPLAINED_STACK: f64 = 1.25;
 
 /// Why a bound may be loose.
-pub struct Reason(Option<String>);
+pub enum Reason {
+    /// The bound must not be loose.
+    None,
+    /// In general.
+    Text(String),
+    /// The code reads frames while there are some: the bound for one with the look for the next.
+    Frames(u32),
+}
 
 impl Reason {
-    /// The bound must not be loose.
-    pub fn none() -> Self {
-        Self(None)
-    }
-
     /// Of a figure. `of_one` is the same figure with one frame read in each call, and `ran` has the
     /// interrupts whose handlers ran.
     pub fn of(pair: &Pair, of_one: &Pair, report: &Report, ran: &BTreeSet<&str>) -> Self {
         let Pair { name, proved, .. } = pair;
-        Self(match name.as_str() {
-            "stack" => unseen_handlers(report, ran),
-            "turn of the main loop" => Some(
+        match name.as_str() {
+            "stack" => unseen_handlers(report, ran).map_or(Self::None, Self::Text),
+            "turn of the main loop" => Self::Text(
                 "adds up all parts of a turn, of which the agenda chooses one by values in RAM"
                     .into(),
             ),
-            "handler of TIMER0_COMPB" => Some(
+            "handler of TIMER0_COMPB" => Self::Text(
                 "adds up the wait for the farthest edge and eight outputs without a pulse".into(),
             ),
-            _ if of_one.proved < *proved => Some(format!(
-                "reads all frames that can be there; in the floods one at most, whose bound with \
-                 the look for the next is {}",
-                of_one.proved
-            )),
-            _ => None,
-        })
+            _ if of_one.proved < *proved => Self::Frames(of_one.proved),
+            _ => Self::None,
+        }
     }
 
     /// The text beside a ratio; empty if the ratio needs none.
     ///
     /// # Panics
     /// If it needs one, and there is none.
-    pub fn text(&self, name: &str, ratio: f64) -> &str {
+    pub fn text(&self, pair: &Pair) -> String {
+        let Pair { name, proved, observed } = pair;
         let limit = if name == "stack" { EXPLAINED_STACK } else { EXPLAINED };
-        match (&self.0, ratio > limit) {
-            (_, false) => "",
-            (Some(text), true) => text,
-            (None, true) => panic!("{name}: a ratio of {ratio:.2} has no reason"),
+        let ratio = f64::from(*proved) / f64::from(*observed);
+        match self {
+            _ if ratio <= limit => String::new(),
+            Self::Text(text) => text.clone(),
+            Self::Frames(one) if *one < 2 * observed => format!(
+                "reads all frames that can be there, and in the floods one, whose bound with the \
+                 look for the next is {one}"
+            ),
+            Self::Frames(_) => {
+                "reads the frames that INT0 has missed, and in the floods none".into()
+            }
+            Self::None => panic!("{name}: a ratio of {ratio:.2} has no reason"),
         }
     }
 }

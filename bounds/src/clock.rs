@@ -30,6 +30,15 @@ impl Watch {
         }
     }
 
+    /// True if the interrupt is known to be blocked in a state.
+    pub fn is_surely_blocked(self, state: &State) -> bool {
+        let is_disabled = state.interrupts == Interrupts::Disabled;
+        match self {
+            Self::All => is_disabled,
+            Self::One(interrupt) => is_disabled || state.enables.is_masked(interrupt),
+        }
+    }
+
     /// True if its own enable bit is known to be 1.
     pub fn is_enabled(self, enables: &Enables) -> bool {
         match self {
@@ -50,14 +59,12 @@ impl Watch {
     }
 }
 
-/// The cycles of a stretch that has not ended, and the address where it began.
-pub type Begun = Option<(u32, u32)>;
-
 /// The longest blocked stretches up to a place.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Blocked {
-    /// Of those that began in this function.
-    pub own: Begun,
+    /// Of those that began in this function or those that it called: cycles, by the address where
+    /// they began.
+    pub own: BTreeMap<u32, u32>,
     /// Of those that had begun before its entry: cycles since the entry.
     pub inherited: Option<u32>,
 }
@@ -100,14 +107,7 @@ impl Looked {
             Some(cycles) => self.pass(cycles),
             None => (self.own, self.through) = (BTreeMap::new(), None),
         }
-        self.keep_longer(&callee.own);
-    }
-
-    fn keep_longer(&mut self, other: &BTreeMap<u32, u32>) {
-        for (look, since) in other {
-            let known = self.own.entry(*look).or_default();
-            *known = (*known).max(*since);
-        }
+        keep_longer(&mut self.own, &callee.own);
     }
 }
 
@@ -124,6 +124,14 @@ pub struct Clocks {
     pub opens: u32,
 }
 
+/// Keeps the longer time for each address.
+pub(crate) fn keep_longer(known: &mut BTreeMap<u32, u32>, other: &BTreeMap<u32, u32>) {
+    for (at, since) in other {
+        let longest = known.entry(*at).or_default();
+        *longest = (*longest).max(*since);
+    }
+}
+
 fn longer<T: Ord>(a: Option<T>, b: Option<T>) -> Option<T> {
     // `None` is less than any value.
     a.max(b)
@@ -132,9 +140,10 @@ fn longer<T: Ord>(a: Option<T>, b: Option<T>) -> Option<T> {
 impl Clocks {
     /// At the entry of a function.
     pub fn at_entry(watches: &[Watch], state: &State) -> Self {
-        let blocked = watches
-            .iter()
-            .map(|watch| Blocked { own: None, inherited: watch.is_blocked(state).then_some(0) });
+        let blocked = watches.iter().map(|watch| Blocked {
+            own: BTreeMap::new(),
+            inherited: watch.is_blocked(state).then_some(0),
+        });
         Self { total: 0, looked: Looked::at_entry(), blocked: blocked.collect(), opens: 0 }
     }
 
@@ -143,10 +152,7 @@ impl Clocks {
         self.total = self.total.saturating_add(cycles);
         self.looked.pass(cycles);
         for Blocked { own, inherited } in &mut self.blocked {
-            if let Some((since, _)) = own {
-                *since = since.saturating_add(cycles);
-            }
-            if let Some(since) = inherited {
+            for since in own.values_mut().chain(inherited) {
                 *since = since.saturating_add(cycles);
             }
         }
@@ -162,8 +168,7 @@ impl Clocks {
         self.opens = self.opens.saturating_add(1);
         self.looked.pass(u32::MAX);
         for Blocked { own, inherited } in &mut self.blocked {
-            own.iter_mut().for_each(|(since, _)| *since = u32::MAX);
-            inherited.iter_mut().for_each(|since| *since = u32::MAX);
+            own.values_mut().chain(inherited).for_each(|since| *since = u32::MAX);
         }
     }
 
@@ -175,9 +180,10 @@ impl Clocks {
     /// The same for the stretches that were shorter before.
     pub fn never_end_where_longer(&mut self, before: &Self) {
         for (now, before) in self.blocked.iter_mut().zip(&before.blocked) {
-            let is_longer = now.own > before.own;
-            if let (Some((since, _)), true) = (&mut now.own, is_longer) {
-                *since = u32::MAX;
+            for (begins, since) in &mut now.own {
+                if before.own.get(begins).is_none_or(|before| *since > *before) {
+                    *since = u32::MAX;
+                }
             }
             if now.inherited > before.inherited {
                 now.inherited = Some(u32::MAX);
@@ -189,10 +195,10 @@ impl Clocks {
     pub fn join(&mut self, other: &Self) {
         self.total = self.total.max(other.total);
         self.opens = self.opens.max(other.opens);
-        self.looked.keep_longer(&other.looked.own);
+        keep_longer(&mut self.looked.own, &other.looked.own);
         self.looked.through = longer(self.looked.through, other.looked.through);
         for (mine, theirs) in self.blocked.iter_mut().zip(&other.blocked) {
-            mine.own = longer(mine.own, theirs.own);
+            keep_longer(&mut mine.own, &theirs.own);
             mine.inherited = longer(mine.inherited, theirs.inherited);
         }
     }

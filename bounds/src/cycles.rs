@@ -10,7 +10,7 @@ use std::rc::Rc;
 
 use anyhow::{Result, anyhow, bail};
 
-use crate::clock::{Blocked, Clocks, Ended, Watch};
+use crate::clock::{Blocked, Clocks, Ended, Watch, keep_longer};
 use crate::opcode::Op;
 use crate::order::{Part, heads, parts};
 use crate::path::{Bound, Open, Order, Run, Time, Turn, after_call};
@@ -288,13 +288,14 @@ impl<'a, 'b> Timing<'a, 'b> {
             let blocked = &mut clocks.blocked[index];
             if watch.is_blocked(after) {
                 let is_known = *blocked != Blocked::default();
-                if !watch.is_blocked(before) || !is_known {
-                    blocked.own = Some((cycles, at));
+                let may_begin = watch.is_surely_blocked(after) && !watch.is_surely_blocked(before);
+                if may_begin || !watch.is_blocked(before) || !is_known {
+                    blocked.own.insert(at, cycles);
                 }
                 continue;
             }
             let Blocked { own, inherited } = std::mem::take(blocked);
-            if let Some((since, begun)) = own {
+            for (begun, since) in own {
                 self.ended.note(index, begun, at, since);
             }
             if let Some(since) = inherited {
@@ -332,9 +333,9 @@ impl<'a, 'b> Timing<'a, 'b> {
         let time = self.enter(entry, &caller)?;
         for (index, ended) in time.ended.iter().enumerate() {
             let Some((cycles, end)) = ended else { continue };
-            let Blocked { own, inherited } = clocks.blocked[index];
-            if let Some((since, begun)) = own {
-                self.ended.note(index, begun, *end, since.saturating_add(*cycles));
+            let Blocked { own, inherited } = &clocks.blocked[index];
+            for (begun, since) in own {
+                self.ended.note(index, *begun, *end, since.saturating_add(*cycles));
             }
             if let Some(since) = inherited {
                 let ended = Some((since.saturating_add(*cycles), *end));
@@ -355,9 +356,13 @@ impl<'a, 'b> Timing<'a, 'b> {
         clocks.looked.call(&passed.looked);
         for (mine, theirs) in clocks.blocked.iter_mut().zip(&passed.blocked) {
             let through = theirs.inherited;
-            let own =
-                mine.own.zip(through).map(|((since, at), more)| (since.saturating_add(more), at));
-            mine.own = own.max(theirs.own);
+            match through {
+                Some(more) => {
+                    mine.own.values_mut().for_each(|since| *since = since.saturating_add(more));
+                }
+                None => mine.own.clear(),
+            }
+            keep_longer(&mut mine.own, &theirs.own);
             mine.inherited =
                 mine.inherited.zip(through).map(|(since, more)| since.saturating_add(more));
         }

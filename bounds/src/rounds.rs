@@ -226,13 +226,14 @@ impl<'a> Timing<'a, '_> {
             return;
         }
         for (index, blocked) in clocks.blocked.iter().enumerate() {
-            let Some((_, begins)) = blocked.own else { continue };
-            self.ended.note(index, begins, head, u32::MAX);
-            self.missing.insert(format!(
-                "{}: interrupts are blocked from here on, and a value that is written to SREG \
-                 later is not known",
-                self.analysis.program.place(begins)
-            ));
+            for begins in blocked.own.keys() {
+                self.ended.note(index, *begins, head, u32::MAX);
+                self.missing.insert(format!(
+                    "{}: interrupts are blocked from here on, and a value that is written to SREG \
+                     later is not known",
+                    self.analysis.program.place(*begins)
+                ));
+            }
         }
     }
 

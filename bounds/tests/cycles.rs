@@ -193,6 +193,25 @@ fn a_stretch_without_interrupts_is_counted_to_the_instruction_that_ends_it() {
     assert_eq!(stretches(&timed(main, "nop", ""), "interrupts"), [12, 6]);
 }
 
+#[test]
+fn stretches_that_meet_have_each_its_time() {
+    // From the first CLI: CLI 1, SBIS 2, NOP 1, SEI 1, and from the second CLI 1, NOP 1, SEI 1.
+    let main = "1: cli\nsbis 0x03, 0\nrjmp 2f\n3: nop\nsei\nrjmp 1b\n2: sei\ncli\nrjmp 3b";
+    let found = stretches(&timed(main, "nop", ""), "interrupts");
+    // CLI 1, SBIS 2, NOP 1, SEI 1; CLI 1, RJMP 2, NOP 1, SEI 1; CLI 1, SBIS 1, RJMP 2, SEI 1.
+    assert_eq!(found.iter().filter(|cycles| **cycles == 5).count(), 3, "{found:?}");
+}
+
+/// Interrupts are enabled or not where the second stretch begins.
+#[test]
+fn a_stretch_that_may_have_begun_before_has_its_own_time() {
+    let main = "1: cli\nsbis 0x03, 0\nsei\ncli\nnop\nsei\nrjmp 1b";
+    let found = stretches(&timed(main, "nop", ""), "interrupts");
+    // CLI 1, SBIS 1, SEI 1; CLI 1, SBIS 2, CLI 1, NOP 1, SEI 1; from the second: CLI 1, NOP 1,
+    // SEI 1.
+    assert_eq!(found, [12, 6, 3, 3]);
+}
+
 /// As with ATOMIC_BLOCK of avr-libc without optimisation.
 #[test]
 fn a_stretch_that_ends_by_an_unknown_sreg_has_no_bound() {

@@ -188,6 +188,34 @@ fn an_indirect_call_needs_an_annotation() {
     assert_eq!(stack_with(&program, annotation).unwrap().bytes, 2 + 2 + 1);
 }
 
+/// Programs of avr-gcc with avr-libc.
+#[test]
+fn what_changes_sp_or_goes_to_any_address_is_refused_with_its_function() {
+    let setjmp = "#include <setjmp.h>
+        jmp_buf place; volatile char n;
+        int main(void) { for (;;) if (!setjmp(place) && n) longjmp(place, 1); }";
+    let alloca = "#include <string.h>
+        volatile unsigned char n;
+        __attribute__((noinline)) char sum(unsigned char len) {
+            char *bytes = __builtin_alloca(len); memset(bytes, 3, len); return bytes[len / 2];
+        }
+        int main(void) { for (;;) n = sum(n); }";
+    let pointer = "typedef void (*step)(void); volatile char n;
+        void one(void) { n++; } void two(void) { n--; } step volatile steps[] = { one, two };
+        __attribute__((noinline)) void run(void) { steps[n & 1](); }
+        int main(void) { for (;;) run(); }";
+    for (text, what) in [
+        (setjmp, "in setjmp: a pop without a push"),
+        (alloca, "in sum: SP is set to a computed value"),
+        (pointer, "in run: an indirect jump"),
+    ] {
+        for optimisation in ["-Os", "-O2"] {
+            let text = refusal(stack(&compiled("refused", text, optimisation)));
+            assert!(text.contains("0x") && text.contains(what), "{what}: {text}");
+        }
+    }
+}
+
 #[test]
 fn an_annotation_needs_a_reason() {
     let annotation = "[[indirect]]\nfunction = \"f\"\ntargets = []\nreason = \" \"";
