@@ -13,9 +13,30 @@ use crate::annotations::Annotations;
 use crate::chip::Chip;
 use crate::report::{Report, Scope};
 
+/// What `--help` says behind the options.
+pub const HELP: &str = "\
+Follows every path of the machine code, and runs nothing: no path takes more than is printed. It
+knows the ATmega168 and the ATmega328P.
+
+  stack at its deepest: 9 bytes         of the main program and the handlers on top of it
+    = f 4 + g 3 + INT0 2                functions, each with the return address to its caller
+  handler of INT0: 660 cycles           from the interrupt's response to the end of RETI
+  INT0 blocked for 41 cycles, A to B    A blocks the interrupt, and B ends that
+  turn of the main loop at A: 99 cycles the longest round of the loop that never ends
+
+What cannot be followed is refused with its address and function, and exit code 2 (sim: 3). A file
+for --annotations then says what is true there, such as how often a loop runs at most:
+
+  [[loop]]
+  function = \"wait\"
+  at_most = 20
+  reason = \"the byte takes 16 cycles\"
+
+docs/bounds.md has all kinds of entries, and what is assumed.";
+
 /// Proves from the machine code of an AVR program how much stack and how many cycles it needs.
 #[derive(Debug, Clone, Parser)]
-#[command(name = "bounds", version)]
+#[command(name = "bounds", version, after_help = HELP)]
 pub struct Args {
     /// What to analyse.
     #[command(flatten)]
@@ -50,6 +71,10 @@ pub struct Options {
     pub ram_limit: Option<u32>,
 }
 
+/// What helps if a loop has no bound.
+const ADVICE: &str = "Give each loop a [[loop]] with its function, number and at_most in a file \
+                      for --annotations, or a [[wait]] if it reads a register (docs/bounds.md)";
+
 impl Options {
     /// Runs the command. Returns the exit code: 1 if a limit is exceeded.
     ///
@@ -79,13 +104,16 @@ impl Options {
         if let Some(times) = &report.times
             && !times.is_bounded()
         {
-            bail!("{path}: a handler or a stretch has no bound: {}", times.missing.join("; "));
+            bail!(
+                "{path}: a handler or a blocked stretch has no bound: {}. {ADVICE}",
+                times.missing.join("; ")
+            );
         }
         if let Some(times) = &report.times
             && self.every_loop
             && !times.is_explained()
         {
-            bail!("{path}: a loop has no bound: {}", times.missing.join("; "));
+            bail!("{path}: a loop has no bound: {}. {ADVICE}", times.missing.join("; "));
         }
         let is_exceeded =
             self.ram_limit.zip(report.ram_bytes).is_some_and(|(most, used)| used > most);

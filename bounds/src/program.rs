@@ -97,7 +97,8 @@ impl Program {
             chip,
         };
         let sections = header.sections(endian, bytes).context("no sections")?;
-        let symbols = sections.symbols(endian, bytes, SHT_SYMTAB).context("no symbols")?;
+        let symbols =
+            sections.symbols(endian, bytes, SHT_SYMTAB).context("no symbols: link without -s")?;
         for symbol in symbols.iter() {
             let name = symbols.symbol_name(endian, symbol).unwrap_or_default();
             let Ok(name) = std::str::from_utf8(name) else { continue };

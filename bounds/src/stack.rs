@@ -73,7 +73,10 @@ impl<'a> Analysis<'a> {
                 .chain([&entry.address])
                 .map(|address| self.program.function_name(*address))
                 .collect();
-            bail!("recursion: {}", chain.join(" -> "));
+            bail!(
+                "recursion: {}: the stack has no bound, so call in a loop instead",
+                chain.join(" -> ")
+            );
         }
         self.active.push(entry.address);
         let summary = self.walk(entry);
@@ -149,7 +152,10 @@ impl<'a> Analysis<'a> {
     pub(crate) fn targets(&self, at: u32, what: &str) -> Result<Vec<u32>> {
         let function = self.program.function_name(at);
         self.annotations.targets(self.program, &function)?.with_context(|| {
-            format!("an indirect {what} whose targets are not known: name them in an annotation")
+            format!(
+                "an indirect {what} whose targets are not known: name them in an [[indirect]] of \
+                 {function} in a file for --annotations"
+            )
         })
     }
 

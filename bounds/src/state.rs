@@ -316,7 +316,7 @@ impl State {
                 Ok(())
             }
             (Some(_), Some(_)) => bail!("SP is set to a constant outside the start of the program"),
-            _ => bail!("SP is set to a computed value"),
+            _ => bail!("SP is set to a computed value: give alloca and arrays a constant length"),
         }
     }
 

@@ -76,7 +76,7 @@ pub fn step(program: &Program, mut state: State, instruction: Instruction) -> Re
             state.stack.push(slot);
         }
         Op::Pop(d) => {
-            let slot = state.stack.pop().context("a pop without a push")?;
+            let slot = state.stack.pop().context("a pop without a push, as in setjmp")?;
             state.set(d, slot.value);
         }
         Op::Bset(FLAG_I) => state.interrupts = Interrupts::Enabled,

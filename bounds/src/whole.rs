@@ -150,7 +150,7 @@ fn handlers(analysis: &mut Analysis<'_>) -> Result<Vec<Handler>> {
         {
             bail!(
                 "the handler of {name} at {address:#x} enables interrupts without masking its own: \
-                 it can interrupt itself without limit"
+                 it can interrupt itself without limit, so clear its enable bit first"
             );
         }
         let handler = Handler {

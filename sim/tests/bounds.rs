@@ -37,6 +37,20 @@ fn a_handler_with_a_loop_without_a_bound_is_refused_with_the_place() {
 }
 
 #[test]
+fn the_help_and_the_refusal_say_how_to_give_a_loop_its_bound() {
+    let output = Command::new(env!("CARGO_BIN_EXE_sim"))
+        .args(["bounds", "--help"])
+        .output()
+        .expect("sim starts");
+    let help = String::from_utf8_lossy(&output.stdout).into_owned();
+    for part in ["stack at its deepest: ", "is refused", "[[loop]]", "at_most = "] {
+        assert!(help.contains(part), "{part}: {help}");
+    }
+    let (_, _, error) = bounds(&node_elf().expect("a firmware"), &[]);
+    assert!(error.contains("[[loop]]") && error.contains("--annotations"), "{error}");
+}
+
+#[test]
 fn what_is_no_program_is_refused() {
     let (code, _, error) = bounds(Path::new(env!("CARGO_MANIFEST_PATH")), &[]);
     assert!(code == Some(3) && error.contains("not an ELF"), "{error}");

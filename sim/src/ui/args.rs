@@ -274,6 +274,7 @@ pub enum Command {
     /// Plan the load of a bus: calculate it from message types and rates, in per cent
     Utilisation(bus_load::Args),
     /// Prove from the machine code of a program how much stack and how many cycles it needs
+    #[command(after_help = bounds::command::HELP)]
     Bounds(bounds::command::Options),
 }
 
