@@ -93,8 +93,8 @@ pub fn set_up_spi() {
     port.set(CAN_SELECT.mask());
     ddr.set(CAN_SELECT.mask());
     // SS must be an output, so that the SPI stays master.
-    let (ddrb, _) = crate::registers::port('B');
-    let is_on_b = CAN_SELECT.port == 'B';
+    let (ddrb, _) = crate::registers::port(b'B');
+    let is_on_b = CAN_SELECT.port == b'B';
     ddrb.write(SS.mask() | MOSI.mask() | SCK.mask() | if is_on_b { CAN_SELECT.mask() } else { 0 });
     SPCR.write(SPE | MSTR);
     SPSR.write(SPI2X);

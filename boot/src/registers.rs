@@ -42,10 +42,10 @@ impl Register {
 }
 
 /// DDRx and PORTx of the port `B`, `C` or `D`.
-pub const fn port(name: char) -> (Register, Register) {
+pub const fn port(name: u8) -> (Register, Register) {
     match name {
-        'B' => (Register(0x24), Register(0x25)),
-        'C' => (Register(0x27), Register(0x28)),
+        b'B' => (Register(0x24), Register(0x25)),
+        b'C' => (Register(0x27), Register(0x28)),
         _ => (Register(0x2A), Register(0x2B)),
     }
 }
