@@ -194,6 +194,8 @@ lines! {
     logs if feature = "outputs" {
         /// Received an esc.RawCommand, and followed the command for a motor.
         RawCommand = "rx RawCommand from %s tid %t: motor %c %+%0, pulse %p us",
+        /// Commands that replaced another before it was followed: after the first, and on request.
+        Superseded = "commands superseded %a",
         /// A parameter was not set: so many outputs have no room at such a rate.
         ParameterNoRoom = "rx GetSet from %s tid %t: OUT_COUNT pulses do not fit at OUT_RATE, %n",
     }

@@ -372,6 +372,7 @@ impl Node {
         }
         self.autopilot.second();
         self.outputs.second(self.second_ms, &self.parameters);
+        self.outputs.superseded.second(monitor);
         self.health.second();
         if self.outputs.is_one_of_several_failing() {
             self.publisher.publish(Publication::FailsafeOutputs);
@@ -398,6 +399,7 @@ impl Node {
     /// Logs the counters.
     pub fn report(&self, monitor: &mut Monitor) {
         self.health.report(monitor);
+        self.outputs.superseded.report(monitor);
     }
 }
 

@@ -286,7 +286,7 @@ impl Node {
         let header = [protocol, target, port];
         let is_for_us = self.tunnel.act_on_message(header, self.id, message.source, context.now_ms);
         if is_for_us && message.len() > HEADER_LEN && character == b'?' {
-            self.health.report(context.monitor);
+            self.report(context.monitor);
         }
         Line::Targetted
     }

@@ -48,6 +48,9 @@ pub mod safety;
 #[cfg_attr(not(feature = "stats"), path = "absent/stats.rs")]
 pub mod stats;
 
+#[cfg_attr(not(feature = "outputs"), path = "absent/superseded.rs")]
+pub mod superseded;
+
 #[cfg_attr(not(feature = "tunnel"), path = "absent/tunnel.rs")]
 pub mod tunnel;
 

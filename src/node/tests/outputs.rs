@@ -137,6 +137,32 @@ fn of_many_commands_the_newest_is_followed_and_every_output_has_its_turn() {
     assert_eq!(rig.servos_us(), [1199; OUTPUTS]);
 }
 
+/// The lines of the serial monitor about superseded commands.
+fn superseded_lines(rig: &Rig) -> Vec<String> {
+    let log = String::from_utf8(rig.log.clone()).unwrap();
+    log.lines().filter(|line| line.contains("superseded")).map(String::from).collect()
+}
+
+/// Of five commands for output 1 the node follows the first or the last, and of one for output 2
+/// that one.
+#[test]
+fn commands_that_a_newer_one_replaced_are_counted_and_the_monitor_says_so_once() {
+    let mut rig = hub();
+    rig.widths(&[(1, 1100), (2, 1200)]);
+    rig.run(2500);
+    assert!(superseded_lines(&rig).is_empty());
+    for round in 0..2 {
+        let frames = (0..5).map(|n| width_from(10, 1300.0 + n as f32));
+        rig.can.received.extend(frames);
+        rig.settle();
+        rig.run(2500);
+        assert_eq!(superseded_lines(&rig), ["commands superseded 4"], "{round}");
+    }
+    rig.is_asked = true;
+    rig.run(500);
+    assert_eq!(superseded_lines(&rig)[1..], ["commands superseded 8"]);
+}
+
 /// A frame of a command for output 1 alone: a pulse width in microseconds, from a node.
 fn width_from(source: u8, width_us: f32) -> Frame {
     let [low, high] = half::f16::from_f32(width_us).to_le_bytes();

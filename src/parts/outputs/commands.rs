@@ -155,6 +155,9 @@ impl Outputs {
     /// Has these outputs, a bit each, follow their entries: those of one command.
     #[inline(always)]
     fn keep(&mut self, outputs: u8) {
+        if self.waiting & outputs != 0 {
+            self.superseded.count();
+        }
         self.waiting |= outputs;
         if OUTPUTS > 1 {
             // The lowest bit.

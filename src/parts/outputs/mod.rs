@@ -24,6 +24,7 @@ use crate::parts::arming::Arming;
 use crate::parts::motors::{Motors, Throttle};
 use crate::parts::relays::Relays;
 use crate::parts::safety::Safety;
+use crate::parts::superseded::Superseded;
 use output::Output;
 use travel::{CommandType, Ticks};
 
@@ -136,6 +137,8 @@ pub struct Outputs {
     pub arming: Arming,
     /// If the safety switch is on.
     pub safety: Safety,
+    /// How many commands were replaced before they were followed.
+    pub superseded: Superseded,
 }
 
 impl Outputs {
@@ -163,6 +166,7 @@ impl Outputs {
             relays: Relays::new(),
             arming: Arming::new(),
             safety: Safety::new(),
+            superseded: Superseded::new(),
         }
     }
 
