@@ -9,6 +9,7 @@ from the vehicle's own; both are kept.
 import struct
 import time
 
+from conftest import TIMEOUT_S
 from ground import Station, mavlink
 
 AUTOPILOT_COMPONENT = 1
@@ -61,6 +62,12 @@ class QGroundControl:
             for link in self.links:
                 if message := link.receive():
                     self.take(message)
+
+    def spin_until(self, condition, what):
+        end = time.monotonic() + TIMEOUT_S
+        while not condition():
+            assert time.monotonic() < end, f"no {what} within {TIMEOUT_S} s"
+            self.spin(0.02)
 
     def take(self, message):
         kind = message.get_type()

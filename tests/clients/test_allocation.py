@@ -138,9 +138,9 @@ def test_the_simulated_autopilot_allocates_ids(bench, boards_without_id):
         slcan=0,
         elf=node_elf("full", board="uno"),
     )
-    used.wait_for_text(r" node +125 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
-    used.wait_for_text(r" node +124 is allocated to unique ID [0-9A-F]{32}$", timeout=20)
-    used.wait_for_text(r" node +125 is org\.\S+ software ", timeout=20)
+    used.wait_for_text(r" node +125 is allocated to unique ID [0-9A-F]{32}$")
+    used.wait_for_text(r" node +124 is allocated to unique ID [0-9A-F]{32}$")
+    used.wait_for_text(r" node +125 is org\.\S+ software ")
     ids = re.findall(r"is allocated to unique ID ([0-9A-F]{32})$", used.text(), re.M)
     assert len(set(ids)) == 2
 

@@ -9,6 +9,7 @@ import tty
 import pytest
 from pymavlink.dialects.v10 import ardupilotmega as mavlink1
 
+from conftest import TIMEOUT_S
 from ground import PtyStation
 from many_nodes import Node, integers
 
@@ -99,7 +100,7 @@ def test_all_parameters_arrive_at_once_over_a_radio(many_nodes, bridge, station,
     start = time.monotonic()
     ground.mav.param_request_list_send(1, 42)
     missing = set(range(PARAMETERS))
-    while missing and time.monotonic() < start + 20:
+    while missing and time.monotonic() < start + TIMEOUT_S:
         if (message := ground.receive()) and message.get_type() == "PARAM_VALUE":
             missing.discard(message.param_index)
     print(f"{PARAMETERS} parameters in {time.monotonic() - start:.1f} s, {link.lost} bytes lost")

@@ -9,7 +9,7 @@ import time
 import pytest
 from pymavlink import mavutil
 
-from conftest import free_port, wait_until
+from conftest import TIMEOUT_S, free_port, wait_until
 from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, Station, as_float, mavlink, value_of
 from many_nodes import Node, integers
 
@@ -79,13 +79,13 @@ def quiet_station(port, address="127.0.0.1"):
     link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     link.bind((address, 0))
     link.connect(("127.0.0.1", port))
-    link.settimeout(3)
     mav = mavutil.mavlink.MAVLink(None, srcSystem=255, srcComponent=190)
     link.send(mav.heartbeat_encode(mavlink.MAV_TYPE_GCS, 8, 0, 0, 4).pack(mav))
     return link
 
 
-def receives(link):
+def receives(link, timeout_s=TIMEOUT_S):
+    link.settimeout(timeout_s)
     try:
         return bool(link.recv(2048))
     except TimeoutError:
@@ -98,7 +98,6 @@ def drain(link):
     with contextlib.suppress(BlockingIOError):
         while link.recv(2048):
             pass
-    link.settimeout(3)
 
 
 def test_new_stations_do_not_replace_a_quiet_station(node, bridge):
@@ -108,7 +107,7 @@ def test_new_stations_do_not_replace_a_quiet_station(node, bridge):
     assert receives(quiet)
     new_stations = [quiet_station(bridge.port) for _ in range(PLACES + 4)]
     assert all(receives(new_station) for new_station in new_stations[: PLACES - 1])
-    assert not any(receives(new_station) for new_station in new_stations[-2:])
+    assert not any(receives(new_station, 3) for new_station in new_stations[-2:])
     drain(quiet)
     assert receives(quiet), "the quiet station must still receive messages"
     started.wait_for_text("no place for")
@@ -124,7 +123,7 @@ def test_with_a_key_unsigned_stations_take_no_place(node, bridge, station, tmp_p
     ground = station()
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=1)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
-    assert not any(receives(new_station) for new_station in new_stations[:2])
+    assert not any(receives(new_station, 3) for new_station in new_stations[:2])
     for link in new_stations:
         link.close()
 
@@ -173,7 +172,7 @@ def test_a_connection_that_does_not_sign_receives_nothing_and_is_closed(
         "node 42 is org."
     )
     new_station = socket.create_connection(("127.0.0.1", port))
-    new_station.settimeout(15)
+    new_station.settimeout(TIMEOUT_S)
     before = time.monotonic()
     assert new_station.recv(2048) == b""
     assert time.monotonic() > before + 5
@@ -191,7 +190,7 @@ def test_only_the_listed_addresses_are_accepted(node, bridge):
     started = bridge(node.bus, "--peer", "127.0.0.2", "--peer", "127.0.0.3")
     started.wait_for_text(f"node {NODE} is org.")
     named, other = quiet_station(bridge.port, "127.0.0.2"), quiet_station(bridge.port)
-    assert receives(named) and not receives(other)
+    assert receives(named) and not receives(other, 3)
     for link in (named, other):
         link.close()
     assert started.end() == 0

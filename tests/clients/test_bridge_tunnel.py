@@ -12,7 +12,7 @@ import serial
 from dronecan import uavcan
 from dronecan.utility import DroneCANSerial
 
-from conftest import NODE, Client, free_port, node_elf, wait_until
+from conftest import NODE, TIMEOUT_S, Client, free_port, node_elf, wait_until
 from ground import BRIDGE
 from many_nodes import Node
 
@@ -85,7 +85,7 @@ def port(tmp_path):
 
     def start(name="port", baud=115200):
         wait_until(lambda: os.path.exists(tmp_path / name), name)
-        new = serial.Serial(str(tmp_path / name), baud, timeout=3)
+        new = serial.Serial(str(tmp_path / name), baud, timeout=TIMEOUT_S)
         opened.append(new)
         return new
 
@@ -123,6 +123,7 @@ def test_the_bridge_keeps_the_node_s_tunnel_open(many_nodes, bridge, port):
     node.port = 2
     for message in node.say(b"of another port"):
         used.ordinary.extend(used.frames_of(node, message))
+    line.timeout = 3
     assert line.read(1) == b""
     assert (node.serial_ids, node.options) == ({1}, {1}) and 57600 in node.baud_rates
 
@@ -216,7 +217,7 @@ def test_a_node_s_serial_monitor_is_read_over_the_bus(bench, bridge, port):
     lines = [line.readline() for _ in range(20)]
     assert any(re.fullmatch(rb"temperature \+2\d\.\d C\r\n", text) for text in lines), lines
     line.write(b"?")
-    end = time.monotonic() + 5
+    end = time.monotonic() + TIMEOUT_S
     while not (counters := line.readline()).startswith(b"commands followed"):
         assert time.monotonic() < end, "no counters"
     assert b"refused" in counters

@@ -21,7 +21,7 @@ def debug(used, port, *commands, **options):
         "-nx",
         "-batch",
         "-ex",
-        "set tcp connect-timeout 10",
+        "set tcp connect-timeout 60",
         "-ex",
         f"target remote localhost:{port}",
     ]

@@ -5,7 +5,7 @@ import threading
 import pytest
 from pymavlink import mavutil
 
-from conftest import free_port
+from conftest import TIMEOUT_S, free_port
 from ground import Station, mavlink
 from many_nodes import Node, integers
 from qgroundcontrol import Autopilot, QGroundControl
@@ -50,7 +50,7 @@ class Vehicle(threading.Thread):
 
     def close(self):
         self.ended.set()
-        self.join(10)
+        self.join(TIMEOUT_S)
         self.autopilot.close()
         self.to_ground.close()
 
@@ -87,18 +87,17 @@ def test_an_autopilot_that_is_node_1_keeps_its_armed_state_and_mode(
     qgc.spin(3.5)
     qgc.states_of_vehicle.clear()
     qgc.states_of_system.clear()
-    qgc.spin(3.5)
-    assert len(qgc.states_of_vehicle) >= 3
+    qgc.spin_until(lambda: len(qgc.states_of_vehicle) >= 3, "heartbeats of the vehicle")
     assert set(qgc.states_of_vehicle) == set(qgc.states_of_system) == {ARMED_IN_MODE_4}
 
 
 def test_the_parameters_of_the_nodes_are_components_of_the_vehicle(many_nodes, bridge, closing):
     used, qgc = beside_an_autopilot(many_nodes, bridge, closing)
-    qgc.spin(3.5)
+    qgc.spin_until(lambda: qgc.vehicle, "vehicle")
     assert qgc.vehicle == 1 and qgc.is_ardupilot
     # The vehicle is ready with the autopilot's own parameters, and accepts those that follow. It
     # requests no parameter one by one.
-    assert qgc.load() < 3
+    qgc.load()
     qgc.spin(2)
     assert qgc.is_loaded() and not qgc.tries
     assert {component: len(facts) for component, facts in qgc.facts.items()} == {

@@ -13,7 +13,7 @@ import pytest
 import serial
 from dronecan import uavcan
 
-from conftest import ROOT, TARGET, node_elf, program, wait_until
+from conftest import ROOT, TARGET, TIMEOUT_S, node_elf, program, wait_until
 
 # Debian's arduino-core-avr.
 BOOTLOADERS = pathlib.Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
@@ -35,7 +35,7 @@ def empty_board(bench):
 
 def test_the_serial_monitor_prints_lines(bench):
     used = bench("--temperature", "40", serial=True)
-    with serial.Serial(str(used.serial), MONITOR_BAUD, timeout=5) as port:
+    with serial.Serial(str(used.serial), MONITOR_BAUD, timeout=TIMEOUT_S) as port:
         text = port.read_until(b"temperature")
         assert b"temperature" in text, text
         port.write(b"?")
@@ -102,7 +102,7 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_serial_monitor(empty_boar
         )
         # Like a terminal at Ctrl-C.
         os.killpg(cargo.pid, signal.SIGINT)
-        exit_code = cargo.wait(10)
+        exit_code = cargo.wait(TIMEOUT_S)
     text = output.read_text(errors="replace")
     assert exit_code == 0 and "bytes of flash verified" in text, text
     # The board starts when the console opens the port, so the console shows the banner, once.
@@ -191,7 +191,7 @@ def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, tmp_path, board,
             timeout=90,
         )
         os.killpg(flash.pid, signal.SIGINT)
-        exit_code = flash.wait(10)
+        exit_code = flash.wait(TIMEOUT_S)
     text = output.read_text(errors="replace")
     assert exit_code == 0 and "bytes of flash verified" in text and "DroneCAN servo node" in text, (
         text

@@ -10,7 +10,7 @@ import subprocess
 
 import dronecan.app.file_server
 import pytest
-from conftest import NODE, ROOT, TARGET, VERSION, node_elf, project_program
+from conftest import NODE, ROOT, TARGET, TIMEOUT_S, VERSION, node_elf, project_program
 from dronecan import uavcan
 
 # An earlier import may hold the types from before conftest.py loaded them again.
@@ -83,7 +83,6 @@ def test_avrdude_uploads_through_our_bootloader_and_the_bus_works_then(empty_boa
     client.spin_until(
         lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL,
         "program",
-        timeout=20,
     )
 
 
@@ -146,7 +145,7 @@ def test_node_update_prints_why_a_node_in_use_rejects_an_update(remote_board):
         NODE,
     ]
     process = remote_board.start(*line)
-    client.spin_until(lambda: process.poll() is not None, "end of the program", timeout=30)
+    client.spin_until(lambda: process.poll() is not None, "end of the program")
     handle.remove()
     text = process.communicate()[0].decode()
     assert process.returncode == 4, text
@@ -178,7 +177,7 @@ def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
         if re.match(rb"node 120: reading, [1-9]", text):
             break
     process.send_signal(signal.SIGINT)
-    text = process.communicate(timeout=10)[0].decode()
+    text = process.communicate(timeout=TIMEOUT_S)[0].decode()
     assert process.returncode == 5, text
     assert "node 120: has no program now" in text
     client = remote_board.dronecan(adapter=1)
