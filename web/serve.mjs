@@ -13,11 +13,24 @@ const TYPES = {
   ".css": "text/css; charset=utf-8",
 };
 
-/** Starts a server for a directory. Returns it and its address. */
+/** The path of a request; null if it is no path. */
+function pathOf(request) {
+  try {
+    return decodeURIComponent(new URL(request.url, "http://localhost").pathname);
+  } catch {
+    return null;
+  }
+}
+
+/** Starts a server for a directory. Returns it and its address. Throws if the port is in use. */
 export async function serve(directory, port = 0) {
   const root = resolve(directory);
   const server = createServer((request, response) => {
-    const path = decodeURIComponent(new URL(request.url, "http://localhost").pathname);
+    const path = pathOf(request);
+    if (path === null || path.includes("\0")) {
+      response.writeHead(400).end("no path");
+      return;
+    }
     const file = join(root, normalize(path.endsWith("/") ? `${path}index.html` : path));
     const isFile = file.startsWith(root + sep) && statSync(file, { throwIfNoEntry: false })?.isFile();
     if (!isFile) {
@@ -25,13 +38,30 @@ export async function serve(directory, port = 0) {
       return;
     }
     response.writeHead(200, { "Content-Type": TYPES[extname(file)] ?? "application/octet-stream" });
-    createReadStream(file).pipe(response);
+    createReadStream(file)
+      .on("error", () => response.destroy())
+      .pipe(response);
   });
-  await new Promise((done) => server.listen(port, "127.0.0.1", done));
+  await new Promise((done, failed) => {
+    server.once("error", failed);
+    server.listen(port, "127.0.0.1", done);
+  });
   return { server, address: `http://127.0.0.1:${server.address().port}/` };
 }
 
 if (import.meta.url === pathToFileURL(process.argv[1]).href) {
-  const { address } = await serve(process.argv[2] ?? "../target/web", Number(process.argv[3] ?? 0));
-  console.log(`The page is at ${address}   (Ctrl-C ends)`);
+  const [directory = "../target/web", port = "0"] = process.argv.slice(2);
+  const fail = (text) => {
+    console.error(`${text} Use WEB_PORT=8000, or another number from 1024 to 65535; 0 is any free port.`);
+    process.exit(1);
+  };
+  if (!/^\d+$/.test(port) || Number(port) > 65535) {
+    fail(`WEB_PORT=${port} is no port.`);
+  }
+  try {
+    const { address } = await serve(directory, Number(port));
+    console.log(`The page is at ${address}   (Ctrl-C ends)`);
+  } catch (error) {
+    fail(error.code === "EADDRINUSE" ? `Port ${port} is in use.` : `Port ${port}: ${error.message}.`);
+  }
 }
