@@ -41,6 +41,15 @@ PROGRAMS := $(abspath $(TARGET_DIR))/release
 PREFIX ?= $(or $(CARGO_INSTALL_ROOT),$(CARGO_HOME),$(HOME)/.cargo)
 TOOLS := $(TARGET_DIR)/tools
 
+# The words of "make help", and those of tests and of environments. Make itself ignores a misspelt
+# word: it would build for another board.
+WORDS := BOARD SHIELD CS INT CRYSTAL FEATURES PORT ARGS PREFIX NODE BUS FILE PROGRAMMER STOCK WEB_PORT HOURS \
+	SEED TIME MINUTES WHY ONLY FUZZ_SEED CROSS_SECONDS CROSS_SEED CROSS_BROWSER
+OTHER_WORDS := PRESETS SHIPPED ON_UNO TEST_FILES LONG LONG_TESTS CLIENTS FUZZED WEB_TESTS CHROMIUM PROGRAMS \
+	TOOLS VENV TARGET_DIR CARGO_% FUZZ_% NODE_% RUST% SOAK_%
+$(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(if \
+	$(filter $(WORDS) $(OTHER_WORDS),$(name)),,$(error $(name)= is wrong. make has the words $(WORDS)))))
+
 .PHONY: help wiring drawings sim gdb bridge sim-program bridge-program update-program install
 .PHONY: lint-firmware deny advisories test test-all fuzz fuzz-coverage soak reliability mutants
 .PHONY: elf-mutants boot bootloader dist build-twice update firmware firmware-gdb firmwares
@@ -157,15 +166,20 @@ boot:
 	@scripts/setup build
 	@scripts/boot $(WIRING)
 
-bootloader: boot
+# A wrong word ends it before anything is installed or built.
+BOOTLOADER = scripts/bootloader $(WIRING) --programmer '$(PROGRAMMER)' --port '$(PORT)' $(if $(STOCK),--stock '$(STOCK)')
+bootloader:
+	@$(BOOTLOADER) --check
+	@$(MAKE) --no-print-directory boot
 	@scripts/setup flash
-	@scripts/bootloader $(WIRING) --programmer '$(PROGRAMMER)' --port '$(PORT)' $(if $(STOCK),--stock '$(STOCK)')
+	@$(BOOTLOADER)
 
 # Without FILE= the firmware of the board, with a preset that can be updated over the bus again.
 update: FEATURES := $(or $(FEATURES),$(shell scripts/firmware --update-preset $(WIRING) 2>/dev/null))
 update:
 	@test '$(BUS)' || { echo 'Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0' >&2; exit 2; }
 	@test '$(NODE)' || { echo 'Say which node: make update NODE=120 BUS=$(BUS), or NODE=all' >&2; exit 2; }
+	@test -z '$(FILE)' || test -r '$(FILE)' || { echo 'FILE=$(FILE) is no file that you can read' >&2; exit 2; }
 	$(if $(FILE),,@$(MAKE) --no-print-directory firmware FEATURES='$(FEATURES)')
 	@$(MAKE) --no-print-directory update-program
 	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' \
@@ -247,6 +261,7 @@ test-clients:
 test-web: web-page
 	@scripts/setup browser
 	cd web && node_modules/.bin/tsc
+	node --test web/check/serve.mjs
 	CROSS_SECONDS=$(or $(CROSS_SECONDS),5) cargo test -p web
 	node web/check/page.mjs '$(TARGET_DIR)/web' $(WEB_TESTS)
 

@@ -112,6 +112,7 @@ def test_flash_checks_the_port_before_anything_else():
     for port, answer in [
         ("/dev/no-such", "PORT=/dev/no-such does not exist."),
         (__file__, "is no serial port."),
+        ("/dev/null", "is no serial port."),
     ]:
         done = subprocess.run(
             ["make", "flash", f"PORT={port}"], cwd=ROOT, capture_output=True, text=True, timeout=30
@@ -139,6 +140,34 @@ def test_flash_without_a_port_answers_with_the_words_that_it_was_given():
     )
     assert done.returncode == 2, done
     assert "make flash BOARD=nano SHIELD=module FEATURES=stats PORT=/dev/" in done.stderr, done
+    # Also which wiring that is.
+    assert "CS on D10, INT on D2, crystal 8 MHz" in done.stdout, done
+
+
+def test_a_misspelt_word_of_make_is_answered_with_the_right_ones():
+    """Make itself would ignore it, and build for the default CAN board."""
+    for line, wrong in [
+        (["flash", "BOARD=nano", "SHEILD=module"], "SHEILD= is wrong"),
+        (["firmware", "feature=stats"], "feature= is wrong"),
+    ]:
+        done = subprocess.run(["make", *line], cwd=ROOT, capture_output=True, text=True)
+        assert done.returncode == 2 and wrong in done.stderr and " SHIELD " in done.stderr, done
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        (["bootloader"], "Say which programmer: make bootloader PROGRAMMER=usbasp"),
+        (["bootloader", "PROGRAMMER=usbasp", "STOCK=no-such.hex"], "no-such.hex does not exist"),
+        (["bootloader", "PROGRAMMER=usbasp", "BOARD=unu"], "BOARD=unu is wrong. Use one of"),
+        (["update"], "Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0"),
+        (["update", "BUS=mcast:0"], "Say which node: make update NODE=120 BUS=mcast:0"),
+        (["update", "BUS=mcast:0", "NODE=1", "FILE=no-such.bin"], "FILE=no-such.bin is no file"),
+    ],
+)
+def test_make_asks_for_what_is_missing_before_it_builds(line, answer):
+    done = subprocess.run(["make", *line], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 2 and answer in done.stderr and "ompiling" not in done.stdout, done
 
 
 def test_the_archive_of_a_release_has_wiring_bit_rate_and_fuses():

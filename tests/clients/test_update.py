@@ -231,8 +231,10 @@ def test_make_update_passes_the_bit_rate_of_the_can_board(tmp_path, shield, argu
     program = tmp_path / "node-update"
     program.write_text('#!/bin/sh\necho "$@"\n')
     program.chmod(0o755)
+    (tmp_path / "x.bin").write_bytes(b"x")
     choice = [f"PROGRAMS={tmp_path}", f"SHIELD={shield}", f"ARGS={arguments}"]
-    line = ["make", "-s", "-C", ROOT, "update", "FILE=x.bin", "BUS=mcast:0", "NODE=120", *choice]
+    choice.append(f"FILE={tmp_path}/x.bin")
+    line = ["make", "-s", "-C", ROOT, "update", "BUS=mcast:0", "NODE=120", *choice]
     line = subprocess.run(line, capture_output=True, text=True, check=True).stdout
     assert re.findall(r"--bitrate (\d+)", line) == rates, line
 
