@@ -1,6 +1,5 @@
 //! The command line of `bounds` and of `sim bounds`.
 
-use std::fs;
 use std::io::Write;
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -83,12 +82,13 @@ impl Options {
     /// bound.
     pub fn run(&self, out: &mut impl Write) -> Result<ExitCode> {
         let path = self.elf.display();
-        let elf = fs::read(&self.elf).with_context(|| format!("cannot read {path}"))?;
+        let elf = sim_base::read_file(&self.elf, sim_base::PROGRAM_BYTES)
+            .with_context(|| format!("cannot read {path}"))?;
         let annotations = match &self.annotations {
             Some(path) => {
                 let shown = path.display();
-                let text =
-                    fs::read_to_string(path).with_context(|| format!("cannot read {shown}"))?;
+                let text = sim_base::read_text(path, sim_base::PROGRAM_BYTES)
+                    .with_context(|| format!("cannot read {shown}"))?;
                 Annotations::parse(&text).with_context(|| shown.to_string())?
             }
             None => Annotations::default(),

@@ -5,6 +5,7 @@ use crate::channel::{self, Integers};
 use crate::message::Versions;
 use crate::tunnel;
 use clap::Parser;
+use sim_base::parse_number;
 use std::net::{IpAddr, Ipv4Addr};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -66,7 +67,7 @@ pub struct Args {
     /// Node that is a MAVLink component by itself, as an autopilot is: the bridge sends no
     /// heartbeat for it, and answers no message to it. Not needed if the bridge receives the
     /// heartbeats of that component (repeatable)
-    #[arg(long, value_name = "NODE", value_parser = clap::value_parser!(u8).range(1..=127))]
+    #[arg(long, value_name = "NODE", value_parser = node_id, allow_hyphen_values = true)]
     pub hide: Vec<u8>,
 
     /// A serial port of a node over the bus: NODE:PTY creates the pseudo-terminal PTY and connects
@@ -89,7 +90,8 @@ pub struct Args {
         long,
         value_name = "ID",
         default_value_t = 1,
-        value_parser = clap::value_parser!(u8).range(1..),
+        value_parser = from_one,
+        allow_hyphen_values = true,
     )]
     pub system: u8,
 
@@ -98,17 +100,18 @@ pub struct Args {
         long,
         value_name = "ID",
         default_value_t = 126,
-        value_parser = clap::value_parser!(u8).range(1..),
+        value_parser = from_one,
+        allow_hyphen_values = true,
     )]
     pub component: u8,
 
     /// The bridge's node ID on the bus, if it differs from its component ID
-    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
+    #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub node_id: Option<u8>,
 
     /// Highest rate of the statuses of each node, at least 1. Without it all statuses, unless the
     /// channel is full
-    #[arg(long, value_name = "HZ", value_parser = status_rate)]
+    #[arg(long, value_name = "HZ", value_parser = status_rate, allow_hyphen_values = true)]
     pub status_rate: Option<f64>,
 
     /// Time between two UAVCAN_NODE_INFO of each node. They are also sent when a node appears or
@@ -117,7 +120,7 @@ pub struct Args {
     pub info_interval: Duration,
 
     /// Send no more than a serial line of this baud rate carries, on channels that lead to a radio
-    #[arg(long, value_name = "BAUD", value_parser = clap::value_parser!(u32).range(1200..))]
+    #[arg(long, value_name = "BAUD", value_parser = bandwidth, allow_hyphen_values = true)]
     pub bandwidth: Option<u32>,
 
     /// Version of MAVLink to send
@@ -139,7 +142,7 @@ pub struct Args {
     pub signing_state: Option<PathBuf>,
 
     /// Accept only stations at this address on udpin: and tcpin: (repeatable)
-    #[arg(long, value_name = "ADDRESS")]
+    #[arg(long, value_name = "ADDRESS", value_parser = address)]
     pub peer: Vec<IpAddr>,
 
     /// Reject all changes by ground stations: they cannot set, save, erase or restart, and cannot
@@ -171,6 +174,24 @@ pub struct Args {
     /// Exit after this time: 500ms, 10s, 5m, 1h
     #[arg(long = "for", value_name = "TIME", value_parser = duration, allow_hyphen_values = true)]
     pub run_for: Option<Duration>,
+}
+
+fn node_id(text: &str) -> Result<u8, String> {
+    parse_number(text, 1..=127)
+}
+
+/// Reads an ID of MAVLink.
+fn from_one(text: &str) -> Result<u8, String> {
+    parse_number(text, 1..=u8::MAX)
+}
+
+/// Reads a baud rate. No radio is faster than the largest.
+fn bandwidth(text: &str) -> Result<u32, String> {
+    parse_number(text, 1200..=10_000_000)
+}
+
+fn address(text: &str) -> Result<IpAddr, String> {
+    text.parse().map_err(|_| String::from("use an address such as 192.168.1.5"))
 }
 
 fn status_rate(text: &str) -> Result<f64, String> {
@@ -219,6 +240,19 @@ mod tests {
             "--bus mcast:0 --mavlink udpin:1 --signing-state times",
         ] {
             assert!(parse(wrong).is_err(), "{wrong}");
+        }
+        for (wrong, advice) in [
+            ("--system 0", "use a number from 1 to 255"),
+            ("--component -1", "use a number from 1 to 255"),
+            ("--hide 128", "use a number from 1 to 127"),
+            ("--node-id 0", "use a number from 1 to 127"),
+            ("--status-rate -1", "a rate is 1 to 1000 a second"),
+            ("--bandwidth 0", "use a number from 1200 to 10000000"),
+            ("--peer next-door", "use an address such as 192.168.1.5"),
+        ] {
+            let line = format!("--bus mcast:0 --mavlink udpin:1 {wrong}");
+            let error = parse(&line).unwrap_err().to_string();
+            assert!(error.contains(advice), "{error}");
         }
         assert!(parse("--bus mcast:0 --names").is_ok());
         let args = parse("--bus mcast:0 --mavlink udpin:1 --for 1h --info-interval 2m").unwrap();

@@ -399,12 +399,12 @@ pub fn byte_rate(baud: u32) -> f64 {
     f64::from(baud) / 10.0 * 0.98
 }
 
-fn cannot_listen(local: SocketAddr, error: io::Error) -> anyhow::Error {
+/// `other` is the channel that reaches a ground station at this address.
+fn cannot_listen(local: SocketAddr, other: &str, error: io::Error) -> anyhow::Error {
     match error.kind() {
         ErrorKind::AddrInUse => {
             anyhow!(
-                "{local} is in use; does a ground station listen there? Then send to it with \
-                 udpout:{local}"
+                "{local} is in use; does a ground station listen there? Then use {other}:{local}"
             )
         }
         ErrorKind::AddrNotAvailable => {

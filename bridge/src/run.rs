@@ -128,9 +128,12 @@ fn signing(args: &Args, key: &Path) -> Result<Rc<RefCell<Signing>>> {
     Ok(Rc::new(RefCell::new(signing)))
 }
 
+/// A file with more bytes is no passphrase.
+const LONGEST_KEY: u64 = 4096;
+
 /// The key of a passphrase, as MAVProxy and Mission Planner make it.
 fn signing_key(path: &Path) -> Result<[u8; 32]> {
-    let text = std::fs::read_to_string(path)
+    let text = sim_base::read_text(path, LONGEST_KEY)
         .with_context(|| format!("cannot read the key in {}", path.display()))?;
     let text = text.trim_end_matches(['\r', '\n']);
     if text.is_empty() {

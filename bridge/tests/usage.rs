@@ -31,6 +31,20 @@ fn the_help_shows_examples_and_every_kind_of_bus_and_channel() {
 }
 
 #[test]
+fn a_wrong_key_is_answered_with_what_is_wrong() {
+    let program = env!("CARGO_BIN_EXE_bridge");
+    for (file, answer) in [
+        ("/dev/zero", "cannot read the key in /dev/zero: it has more than 4096 bytes"),
+        (program, "it has more than 4096 bytes"),
+        ("/dev/null", "/dev/null has no key: write a passphrase into it"),
+    ] {
+        let (is_well, printed) =
+            bridge(&["--bus", "mcast:0", "--mavlink", "udpin:0", "--signing-key", file]);
+        assert!(!is_well && printed.contains(answer), "{file}: {printed}");
+    }
+}
+
+#[test]
 fn a_wrong_bus_or_channel_is_answered_with_the_syntax() {
     for (arguments, advice) in [
         (["--bus", "nonsense:1", "--mavlink", "udpin:14550"], "slcan, mcast or socketcan"),

@@ -23,10 +23,13 @@ use dronecan_host::types::{DataType, KNOWN, Kind, Layout};
 pub use examples::Example;
 pub use plan::{Plan, Row, Verdict};
 use std::io::{ErrorKind, Write};
+use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 pub use stream::{Channel, Entry, Stream};
 
 const BIT_RATE_DEFAULT: u32 = 1_000_000;
+/// The bit rates of CAN.
+const BIT_RATES: RangeInclusive<u32> = 10_000..=1_000_000;
 
 const ABOUT: &str = "\
 Plans a bus: which messages, how often, from how many nodes; prints what share of the bus they \
@@ -70,7 +73,8 @@ pub struct Args {
     #[arg(
         long,
         value_name = "BIT/S",
-        value_parser = clap::value_parser!(u32).range(10_000..=1_000_000),
+        value_parser = bit_rate,
+        allow_hyphen_values = true,
     )]
     pub bit_rate: Option<u32>,
 
@@ -124,20 +128,25 @@ pub fn run(args: &Args, mut out: impl Write) -> Result<()> {
     Plan::new(bit_rate.unwrap_or(BIT_RATE_DEFAULT), streams).print(&mut out)
 }
 
+fn bit_rate(text: &str) -> Result<u32, String> {
+    sim_base::parse_number(text, BIT_RATES)
+}
+
 fn read(path: &Path) -> Result<(Vec<Entry>, Option<u32>)> {
-    let text = std::fs::read_to_string(path).map_err(|error| match error.kind() {
-        // The file exists but is not a plan: the user's mistake, not the machine's.
-        ErrorKind::InvalidData | ErrorKind::IsADirectory => {
-            anyhow!("{} is not a text file: {error}", path.display())
-        }
-        _ => anyhow!(error).context(format!("cannot read {}", path.display())),
-    })?;
+    let text =
+        sim_base::read_text(path, sim_base::PROGRAM_BYTES).map_err(|error| match error.kind() {
+            // The file exists but is not a plan: the user's mistake, not the machine's.
+            ErrorKind::InvalidData | ErrorKind::IsADirectory => {
+                anyhow!("{} is not a text file: {error}", path.display())
+            }
+            _ => anyhow!(error).context(format!("cannot read {}", path.display())),
+        })?;
     let (mut entries, mut bit_rate) = (Vec::new(), None);
     for (number, line) in text.lines().enumerate() {
         let line = line.split('#').next().unwrap_or_default().trim();
         let place = || format!("{}, line {}", path.display(), number + 1);
         if let Some(rate) = line.strip_prefix("bit-rate ") {
-            let rate = rate.trim().parse().ok().filter(|rate| (10_000..=1_000_000).contains(rate));
+            let rate = rate.trim().parse().ok().filter(|rate| BIT_RATES.contains(rate));
             bit_rate =
                 Some(rate.with_context(|| format!("{}: a bit rate is 10000 to 1000000", place()))?);
         } else if !line.is_empty() {

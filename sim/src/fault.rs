@@ -21,7 +21,7 @@ impl FromStr for Injection {
     fn from_str(text: &str) -> Result<Injection, String> {
         let (name, time) = text
             .split_once('@')
-            .ok_or_else(|| format!("\"{text}\" has no time: write for example {text}@2s"))?;
+            .ok_or_else(|| format!("\"{text}\" has no time: write for example reset@2s"))?;
         Ok(Injection { fault: name.parse()?, at: parse_duration(time)? })
     }
 }
@@ -42,7 +42,10 @@ mod tests {
         let injection = "chip-reset@1.5s".parse::<Injection>().unwrap();
         assert_eq!(injection.fault, Fault::ChipReset);
         assert_eq!(injection.at, F_CPU_HZ * 3 / 2);
-        assert!("chip-reset".parse::<Injection>().unwrap_err().contains("@"));
+        for text in ["chip-reset", ""] {
+            let error = text.parse::<Injection>().unwrap_err();
+            assert!(error.ends_with("has no time: write for example reset@2s"), "{error}");
+        }
         let error = "gremlins@1s".parse::<Injection>().unwrap_err();
         assert!(error.contains("no-ack"), "{error}");
     }

@@ -15,7 +15,7 @@ use sim::ui::run;
 use sim::ui::scene::Scene;
 use sim::ui::terminal;
 use sim::usage::{OrUsage, is_usage};
-use std::fs;
+use std::fs::{self, OpenOptions};
 use std::io::{self, IsTerminal, Write};
 use std::process::{self, ExitCode};
 use std::sync::Arc;
@@ -53,6 +53,11 @@ fn run(args: &Args) -> Result<ExitCode> {
         None => {}
     }
     args.check().or_usage()?;
+    if let Some(path) = &args.json {
+        // Or a long run would be for nothing.
+        let file = OpenOptions::new().create(true).append(true).open(path);
+        file.with_context(|| format!("--json: cannot write {}", path.display()))?;
+    }
     let stop = stop_on_signals()?;
     let mut scene = Scene::new(args)?;
     if args.plain || !io::stdout().is_terminal() || !terminal::can_show_pictures() {
@@ -63,7 +68,8 @@ fn run(args: &Args) -> Result<ExitCode> {
     }
     if let Some(path) = &args.json {
         let json = Report::new(scene.state(), args.judgement()).to_json();
-        fs::write(path, json).with_context(|| format!("cannot write {}", path.display()))?;
+        fs::write(path, json)
+            .with_context(|| format!("--json: cannot write {}", path.display()))?;
     }
     let (code, reason) = args.judgement().exit(scene.state());
     if let Some(reason) = reason {

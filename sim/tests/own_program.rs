@@ -371,6 +371,23 @@ fn a_recording_of_some_signals_has_no_others() {
     assert!(error.contains("no signal is called \"BUS\": use CAN, "), "{error}");
 }
 
+#[test]
+fn a_result_that_cannot_be_written_is_reported_before_the_run() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let output = sim(&program, &["--json", "/nonexistent/result.json"]);
+    assert!(output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stdout));
+    let error = error_text(&output);
+    assert!(error.contains("--json: cannot write /nonexistent/result.json"), "{error}");
+    assert_eq!(output.status.code(), Some(3));
+}
+
+#[test]
+fn a_device_without_an_end_is_no_program() {
+    let error = error_text(&sim(Path::new("/dev/zero"), &[]));
+    assert!(error.contains("cannot read /dev/zero: it has more than"), "{error}");
+}
+
 /// A pseudo-terminal of 100 by 30: the end of the test, and that of the program.
 fn terminal() -> (File, File) {
     let terminal = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();

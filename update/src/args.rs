@@ -43,7 +43,7 @@ pub struct Args {
     pub bus: bus::Spec,
 
     /// The node to update: its node ID, or "all"
-    #[arg(long, value_name = "ID")]
+    #[arg(long, value_name = "ID", allow_hyphen_values = true)]
     pub node: Nodes,
 
     /// Bit rate of the bus, for slcan:
@@ -55,7 +55,7 @@ pub struct Args {
     pub mcast_interface: Option<Ipv4Addr>,
 
     /// Node ID of this program on the bus, if no other node has it [default: one that is free]
-    #[arg(long, value_name = "ID", value_parser = node_id)]
+    #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub own_id: Option<NodeId>,
 
     /// Print lines even if the output is a terminal

@@ -21,7 +21,8 @@ const SEND_BUFFER: usize = 32 * 1024;
 
 impl Channel {
     pub(super) fn listen(&mut self, local: SocketAddr) -> Result<()> {
-        let listener = TcpListener::bind(local).map_err(|error| cannot_listen(local, error))?;
+        let listener =
+            TcpListener::bind(local).map_err(|error| cannot_listen(local, "tcp", error))?;
         listener.set_nonblocking(true)?;
         self.listens_at(listener.local_addr()?);
         self.transport = Transport::Listener(listener);

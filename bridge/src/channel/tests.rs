@@ -175,3 +175,19 @@ fn a_serial_port_begins_slowly_because_it_may_lead_to_a_radio() {
     let peer = channel.peers.values_mut().next().unwrap();
     assert!(peer.radio.is_none());
 }
+
+#[test]
+fn a_port_in_use_is_answered_with_the_channel_that_reaches_its_owner() {
+    let open = |spec: String| {
+        let spec = spec.parse().unwrap();
+        let error = Channel::open(spec, 0, options(), &mut 0, Duration::ZERO, false).err();
+        error.expect("the port is in use").to_string()
+    };
+    let (tcp, udp) = (TcpListener::bind("127.0.0.1:0"), UdpSocket::bind("127.0.0.1:0"));
+    let (tcp, udp) = (tcp.unwrap(), udp.unwrap());
+    let (at_tcp, at_udp) = (tcp.local_addr().unwrap(), udp.local_addr().unwrap());
+    let error = open(format!("tcpin:{at_tcp}"));
+    assert!(error.ends_with(&format!("Then use tcp:{at_tcp}")), "{error}");
+    let error = open(format!("udpin:{at_udp}"));
+    assert!(error.ends_with(&format!("Then use udpout:{at_udp}")), "{error}");
+}

@@ -33,7 +33,8 @@ impl Channel {
     }
 
     pub(super) fn start_udp_in(&mut self, local: SocketAddr) -> Result<()> {
-        let socket = UdpSocket::bind(local).map_err(|error| cannot_listen(local, error))?;
+        let socket =
+            UdpSocket::bind(local).map_err(|error| cannot_listen(local, "udpout", error))?;
         socket.set_nonblocking(true)?;
         self.listens_at(socket.local_addr()?);
         self.transport = Transport::Udp(socket);

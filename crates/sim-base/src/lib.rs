@@ -3,11 +3,15 @@
 
 mod device;
 mod duration;
+mod file;
 mod noise;
+mod number;
 
 pub use device::{DEVICE_NOTE, device_of_note};
 pub use duration::parse_seconds;
+pub use file::{PROGRAM_BYTES, read_file, read_text};
 pub use noise::Noise;
+pub use number::parse_number;
 
 /// Time in cycles of a 16 MHz clock since the start of the simulation. It never decreases, also
 /// when a processor is reset.

@@ -77,8 +77,8 @@ impl Firmware {
             );
             return Err(io::Error::new(io::ErrorKind::NotFound, text).into());
         }
-        let bytes =
-            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+        let bytes = sim_base::read_file(path, sim_base::PROGRAM_BYTES)
+            .with_context(|| format!("cannot read {}", path.display()))?;
         Firmware::parse(&bytes)
             .with_context(|| format!("{} is not a firmware for an AVR", path.display()))
     }

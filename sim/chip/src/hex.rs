@@ -16,7 +16,7 @@ impl Firmware {
     /// # Errors
     /// If the file is missing, or is not Intel HEX.
     pub fn read_hex(path: &Path) -> Result<Firmware> {
-        let text = std::fs::read_to_string(path)
+        let text = sim_base::read_text(path, sim_base::PROGRAM_BYTES)
             .with_context(|| format!("cannot read {}", path.display()))?;
         Firmware::parse_hex(&text)
             .with_context(|| format!("{} is not an Intel HEX file", path.display()))

@@ -42,6 +42,9 @@ use std::rc::Rc;
 
 pub use line::{Action, BenchEvent, millivolts, parse};
 
+/// Most bytes of a recording: hours of a full bus.
+const LONGEST: u64 = 1 << 30;
+
 /// A script, with the events that are not due yet and the station that sends its frames.
 pub struct Script {
     path: PathBuf,
@@ -63,7 +66,7 @@ impl Script {
     /// # Errors
     /// If the file cannot be read, or has an invalid line; the message names the line.
     pub fn open(path: &Path, bench: &mut Bench) -> Result<Script> {
-        let bytes = std::fs::read(path)
+        let bytes = sim_base::read_file(path, LONGEST)
             .with_context(|| format!("--script: cannot read {}", path.display()))?;
         let text = candump::text(bytes)
             .map_err(|error| anyhow!("--script: {}: {error}", path.display()))?;

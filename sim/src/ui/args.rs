@@ -13,6 +13,7 @@ use bench::dronecan::{Dialect, NodeId};
 use bench::wiring::{BIT_RATES, Wiring};
 use bench::{Cycles, F_CPU_HZ};
 use clap::Parser;
+use sim_base::parse_number;
 use std::path::PathBuf;
 
 const ABOUT: &str = "\
@@ -76,6 +77,10 @@ pub struct Args {
     /// Another task than the bench
     #[command(subcommand)]
     pub command: Option<Command>,
+
+    /// Not there: a program without its option.
+    #[arg(hide = true, value_parser = without_option)]
+    pub program: Option<PathBuf>,
 
     /// Firmware to boot, an ELF file for an ATmega168 or ATmega328P [default: the one that "make
     /// firmware" has built]
@@ -158,7 +163,7 @@ pub struct Args {
     #[arg(
         long,
         value_name = "NUMBER",
-        value_parser = clap::value_parser!(u8).range(0..=15),
+        value_parser = servos,
         allow_hyphen_values = true,
     )]
     pub servos: Option<u8>,
@@ -178,14 +183,14 @@ pub struct Args {
         long,
         value_name = "HZ",
         default_value_t = 50,
-        value_parser = clap::value_parser!(u32).range(1..=400),
+        value_parser = motor_rate,
         allow_hyphen_values = true,
     )]
     pub motor_rate: u32,
 
     /// Read this parameter of each new node by its name, and print it, as ArduPilot does for its
     /// scripts; for ardupilot and ardupilot-pwm
-    #[arg(long, value_name = "NAME")]
+    #[arg(long, value_name = "NAME", value_parser = parameter_name)]
     pub get_parameter: Option<String>,
 
     /// Unit of the commands, for --autopilot plain; in the draft only unitless and thesis
@@ -423,8 +428,13 @@ fn bit_rate(text: &str) -> Result<u32, String> {
     rate.ok_or_else(|| String::from("use 1000000, 500000, 250000 or 125000"))
 }
 
+/// Refuses a program that stands where a task could be.
+fn without_option(text: &str) -> Result<PathBuf, String> {
+    Err(format!("write sim --elf {text}; the tasks are utilisation and bounds"))
+}
+
 fn exit_code(text: &str) -> Result<u8, String> {
-    text.parse().map_err(|_| String::from("use a number from 0 to 255"))
+    parse_number(text, 0..=u8::MAX)
 }
 
 fn dialect(text: &str) -> Result<Dialect, String> {
@@ -451,10 +461,21 @@ fn actuator(text: &str) -> Result<Actuator, String> {
 }
 
 fn motors(text: &str) -> Result<u8, String> {
-    text.parse()
-        .ok()
-        .filter(|motors| (1..=20).contains(motors))
-        .ok_or_else(|| String::from("use a number from 1 to 20"))
+    parse_number(text, 1..=20)
+}
+
+fn servos(text: &str) -> Result<u8, String> {
+    parse_number(text, 0..=15)
+}
+
+fn motor_rate(text: &str) -> Result<u32, String> {
+    parse_number(text, 1..=400)
+}
+
+/// Reads a name of a parameter. DroneCAN's are at most 92 bytes long.
+fn parameter_name(text: &str) -> Result<String, String> {
+    let is_name = (1..=92).contains(&text.len());
+    is_name.then(|| text.to_owned()).ok_or_else(|| String::from("use a name of 1 to 92 bytes"))
 }
 
 /// Reads the period of the sweep. A shorter one than 100 ms is too fast to see; 1 h is an arbitrary
@@ -571,6 +592,11 @@ mod tests {
             ("sim --actuator every", "or all"),
             ("sim --motors 0", "1 to 20"),
             ("sim --motors 21", "1 to 20"),
+            ("sim --motor-rate 0", "use a number from 1 to 400"),
+            ("sim --servos 16", "use a number from 0 to 15"),
+            ("sim --get-parameter=", "a name of 1 to 92 bytes"),
+            ("sim sketch.elf", "sim --elf sketch.elf"),
+            ("sim --plain sketch.elf", "sim --elf sketch.elf"),
             ("sim --no-autopilot --motors 4", "--no-autopilot"),
             ("sim --mcast -1", "0 to 255"),
             ("sim --gdb 0", "1 to 65535"),
