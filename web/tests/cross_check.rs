@@ -15,7 +15,12 @@ use web::scenario::{self, Traffic};
 const CONTEXT: usize = 6;
 
 fn number(variable: &str, default: u64) -> u64 {
-    std::env::var(variable).ok().and_then(|text| text.parse().ok()).unwrap_or(default)
+    match std::env::var(variable) {
+        Ok(text) if !text.is_empty() => text
+            .parse()
+            .unwrap_or_else(|_| panic!("{variable} is {text:?}: use a number, such as {default}")),
+        _ => default,
+    }
 }
 
 /// The trace of avr8js, from Node.js or a browser.
