@@ -46,7 +46,8 @@ pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Decoded, Dialect, Observation, Observer};
 pub use id::{CanId, NodeId};
 pub use management::{
-    NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC, TransportStats, Value,
+    NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC,
+    TransportStats, Value,
 };
 pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Message, Temperature};
 pub use status::{Health, Mode, NodeStatus};

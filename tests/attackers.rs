@@ -1,0 +1,311 @@
+//! Nodes that attack the commander of an output or a client's work: with commands that are refused,
+//! with statuses of their own, with changes while commands come in. Most run on the Uno's program
+//! with eight outputs.
+
+use bench::avr::{Firmware, Pulse, ResetCause};
+use bench::can::Frame;
+use bench::dronecan::{Message, NumberAndText, ParameterRequest, TransferId, Value, split, types};
+use bench::{Cycles, Noise, bootloader, firmware_for};
+use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, US, array_command, started_with};
+
+/// CAN identifiers without the sender.
+const ARMING_STATUS: u32 = 0x1804_4C00;
+const SAFETY_STATE: u32 = 0x104E_2000;
+const RAW_COMMAND: u32 = 0x0704_0600;
+
+const ARMED: u8 = 255;
+const DISARMED: u8 = 0;
+const SAFE: u8 = 0;
+const NOT_SAFE: u8 = 255;
+
+const PWM: u8 = 4;
+/// The autopilot, and another node.
+const AUTOPILOT: u32 = 10;
+const OTHER: u32 = 13;
+
+/// An Uno with eight outputs. The first are motors with indices from 0, the others servos whose ID
+/// is their number.
+struct Hub {
+    rig: Rig,
+    transfer_id: u8,
+}
+
+impl Hub {
+    fn with_motors(motors: i64) -> Hub {
+        let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
+        let mut rig = Rig::running_elf(&elf, started_with(&elf));
+        rig.set("OUT_COUNT", 8);
+        for n in 1..=motors {
+            rig.set(&format!("OUT{n}_TYPE"), 1);
+            rig.set(&format!("OUT{n}_ID"), n - 1);
+        }
+        rig.save();
+        rig.restart();
+        Hub { rig, transfer_id: 0 }
+    }
+
+    fn next_transfer_id(&mut self) -> TransferId {
+        self.transfer_id = (self.transfer_id + 1) % 32;
+        TransferId::new(self.transfer_id)
+    }
+
+    /// Sends a message of one frame.
+    fn send(&mut self, id: u32, payload: &[u8]) {
+        let tail = 0xC0 | self.next_transfer_id().get();
+        self.rig.send(id, &[payload, &[tail]].concat());
+    }
+
+    fn raw_command(&mut self, source: u32, throttles: &[i16]) {
+        let transfer_id = self.next_transfer_id();
+        let command = Message::RawCommand(throttles.to_vec());
+        let (_, payload) = command.encode().expect("a command");
+        let signature = types::RAW_COMMAND.signature.expect("known");
+        for data in split(&payload, transfer_id, signature) {
+            self.rig.send(RAW_COMMAND | source, &data);
+        }
+    }
+
+    /// Commands the width of a servo's pulse.
+    fn position(&mut self, source: u32, id: u8, us: f32) {
+        let transfer_id = self.next_transfer_id().get();
+        for data in array_command(&[(id, PWM, us)], transfer_id) {
+            self.rig.send(ARRAY_COMMAND | source, &data);
+        }
+    }
+
+    /// For this time the autopilot sends a command for four motors each 20 ms, and its statuses
+    /// twice a second. `beside` does what others do in each 20 ms.
+    fn fly(&mut self, ms: u64, mut beside: impl FnMut(&mut Hub)) {
+        for slot in 0..ms / 20 {
+            if slot % 25 == 0 {
+                self.send(NODE_STATUS | AUTOPILOT, &[0; 7]);
+                self.send(ARMING_STATUS | AUTOPILOT, &[ARMED]);
+            }
+            self.raw_command(AUTOPILOT, &[4096; 4]);
+            self.rig.run_ms(2);
+            beside(self);
+            self.rig.run_ms(18);
+        }
+    }
+
+    /// Takes the pulses of each output so far.
+    fn pulses(&mut self) -> Vec<Vec<Pulse>> {
+        self.rig.run_ms(0);
+        let mut all = vec![std::mem::take(&mut self.rig.pulses)];
+        all.extend(self.rig.board().take_output_pulses());
+        all
+    }
+
+    /// Width of each output's pulse in microseconds, rounded because an edge may be off by half a
+    /// microsecond. `None` without a pulse.
+    fn widths_us(&mut self) -> Vec<Option<f64>> {
+        self.rig.run_ms(25);
+        self.pulses();
+        self.rig.run_ms(45);
+        let width = |pulses: &Vec<Pulse>| pulses.last().map(|pulse| pulse.width_us().round());
+        self.pulses().iter().map(width).collect()
+    }
+
+    /// The motors have run at half throttle all the time.
+    #[track_caller]
+    fn assert_motors_run(&mut self) {
+        for (motor, pulses) in self.pulses().iter().take(4).enumerate() {
+            assert!(pulses.len() > 5, "motor {motor} has {} pulses", pulses.len());
+            let other = pulses.iter().find(|pulse| pulse.width_us().round() != 1500.0);
+            assert!(other.is_none(), "motor {motor}: {other:?}\n{}", self.rig.serial);
+        }
+    }
+}
+
+// ---- rights of nodes that do not command the output ----
+
+#[test]
+fn another_commander_s_statuses_do_not_stop_the_motors_of_the_autopilot() {
+    let mut hub = Hub::with_motors(4);
+    hub.fly(1000, |_| {});
+    hub.position(11, 7, 1300.0);
+    hub.rig.run_ms(5);
+    hub.pulses();
+    let mut slot = 0;
+    hub.fly(6000, |hub| {
+        slot += 1;
+        hub.position(11, 7, 1300.0);
+        if slot % 25 == 0 {
+            hub.send(ARMING_STATUS | 11, &[DISARMED]);
+        }
+    });
+    hub.assert_motors_run();
+}
+
+#[test]
+fn a_servo_follows_a_commander_with_another_node_id_at_once_and_motors_follow_once_it_is_armed() {
+    let mut hub = Hub::with_motors(4);
+    hub.fly(1000, |hub| hub.position(AUTOPILOT, 5, 1200.0));
+    let begin = hub.rig.now();
+    hub.pulses();
+    for slot in 0..50 {
+        if slot == 20 {
+            hub.send(ARMING_STATUS | 20, &[ARMED]);
+        }
+        hub.raw_command(20, &[4096; 4]);
+        hub.position(20, 5, 1300.0);
+        hub.rig.run_ms(20);
+    }
+    let pulses = hub.pulses();
+    let first_ms = |output: usize, us: f64, after_ms: u64| {
+        let is_it =
+            |pulse: &&Pulse| pulse.width_us().round() == us && pulse.start >= begin + after_ms * MS;
+        let first = pulses[output].iter().find(is_it).expect("such a pulse");
+        (first.start - begin) / MS
+    };
+    assert!(first_ms(4, 1300.0, 0) <= 25, "the servo");
+    let stops_ms = first_ms(0, 1000.0, 0);
+    assert!((200..=240).contains(&stops_ms), "MOT_TIMEOUT: {stops_ms} ms");
+    let runs_ms = first_ms(0, 1500.0, stops_ms);
+    assert!((400..=430).contains(&runs_ms), "armed again: {runs_ms} ms");
+}
+
+#[test]
+fn anonymous_frames_with_any_discriminator_move_nothing() {
+    let full = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
+    for elf in [rig::shipped(), full] {
+        let mut rig = Rig::running_elf(&elf, started_with(&elf));
+        rig.send_command(1, PWM, 1234.0);
+        assert_eq!(rig.settled_pulse_us(), 1234.0);
+        let mut random = Noise::new(7);
+        rig.pulses.clear();
+        for _ in 0..2000 {
+            let discriminator = (random.below(1 << 14) as u32) << 10;
+            let data_type = [random.below(4) as u32, 1010][random.below(2) as usize];
+            let priority = (random.below(32) as u32) << 24;
+            let tail = [0xC0, 0x80, 0x60, 0x20, 0x40][random.below(5) as usize];
+            let id = priority | (discriminator | data_type << 8) & 0x00FF_FF00;
+            rig.send(id, &[1, PWM, 0x00, 0x64, tail | random.below(32) as u8]);
+        }
+        rig.run_ms(500);
+        assert!(rig.pulses.len() > 20);
+        assert!(rig.pulses.iter().all(|pulse| pulse.width_us() == 1234.0));
+    }
+}
+
+// ---- changes while commands come in ----
+
+#[test]
+fn a_change_of_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
+    for (name, value) in [("OUT5_TYPE", 1), ("OUT5_ID", 60)] {
+        let mut hub = Hub::with_motors(4);
+        hub.fly(500, |hub| hub.position(AUTOPILOT, 5, 1200.0));
+        let before = hub.rig.get(name);
+        let answer = hub.rig.request_value(name, Value::Integer(value));
+        assert_eq!(answer, Value::Integer(before), "{name} while armed");
+        hub.send(ARMING_STATUS | AUTOPILOT, &[DISARMED]);
+        assert_eq!(hub.widths_us()[4], Some(1200.0), "{name}");
+        hub.rig.set(name, value);
+        assert_eq!(hub.widths_us()[4], None, "{name}");
+    }
+}
+
+#[test]
+fn motors_follow_raw_commands_whose_length_changes_each_time() {
+    let mut hub = Hub::with_motors(4);
+    hub.fly(500, |_| {});
+    let mut random = Noise::new(4);
+    for round in 0..60 {
+        let mut expected = [0.0; 4];
+        for _ in 0..1 + random.below(4) {
+            let (len, throttle) = (1 + random.below(20) as usize, random.below(8000) as i16);
+            hub.raw_command(AUTOPILOT, &vec![throttle; len]);
+            for (motor, us) in expected.iter_mut().enumerate() {
+                let throttle = if motor < len { throttle } else { 0 };
+                *us = 1000.0 + f64::from(throttle) * 1000.0 / 8191.0;
+            }
+            let pause_us = [0, random.below(1500)][random.below(2) as usize];
+            hub.rig.run_until(hub.rig.now() + pause_us * US);
+        }
+        if round % 5 == 0 {
+            hub.send(ARMING_STATUS | AUTOPILOT, &[ARMED]);
+        }
+        for (motor, (us, expected)) in hub.widths_us().iter().zip(expected).enumerate() {
+            let us = us.expect("a pulse");
+            assert!((us - expected).abs() <= 1.5, "round {round}, motor {motor}: {us} {expected}");
+        }
+    }
+}
+
+/// OUTn_FS 2 would give a pulse, which may open a parachute.
+#[test]
+fn a_restart_gives_no_pulse_to_outputs_that_were_never_commanded() {
+    let mut hub = Hub::with_motors(0);
+    for output in 1..=8 {
+        hub.rig.set(&format!("OUT{output}_FS"), 2);
+    }
+    hub.rig.save();
+    hub.pulses();
+    hub.rig.restart();
+    assert!(hub.pulses().iter().all(Vec::is_empty));
+}
+
+#[test]
+fn the_failsafe_of_one_output_leaves_the_node_on_the_bus_while_another_is_commanded() {
+    let mut hub = Hub::with_motors(0);
+    hub.position(AUTOPILOT, 6, 1200.0);
+    hub.rig.run_ms(5);
+    hub.rig.forget();
+    for _ in 0..100 {
+        hub.position(AUTOPILOT, 5, 1200.0);
+        hub.rig.run_ms(20);
+    }
+    assert!(hub.rig.serial.contains("FAILSAFE"), "{}", hub.rig.serial);
+    // What the node logs when it has left the bus for new filters.
+    assert!(!hub.rig.serial.contains("CAN: running"), "{}", hub.rig.serial);
+}
+
+// ---- updates while commands begin ----
+
+/// Asks for an update and commands an output a new width `delay` later. Returns the time of the
+/// restart, if there is one, and that of the first pulse of this width, both after the request.
+fn update_and_command(hub: &mut Hub, delay: Cycles, us: f32) -> (Option<Cycles>, Option<Cycles>) {
+    let resets = hub.rig.board().avr().resets().len();
+    hub.pulses();
+    let request = NumberAndText { number: 0, text: b"fw.bin".to_vec() };
+    let begin = hub.rig.now();
+    hub.rig.request(&Message::BeginUpdate(request));
+    hub.rig.run_until(begin + delay);
+    let mut first = None;
+    for _ in 0..60 {
+        hub.position(AUTOPILOT, 5, us);
+        hub.rig.run_ms(20);
+        let pulses = hub.pulses().swap_remove(4);
+        let is_new = |pulse: &&Pulse| pulse.width_us().round() == f64::from(us);
+        first = first.or(pulses.iter().find(is_new).map(|pulse| pulse.start - begin));
+    }
+    let reset = hub.rig.board().avr().resets_after(resets).first().map(|reset| reset.at - begin);
+    (reset, first)
+}
+
+/// Each reset starts the program and not the bootloader, so that the hand-over is a restart.
+#[test]
+fn the_bootloader_does_not_run_once_an_output_follows_commands() {
+    let mut hub = Hub::with_motors(0);
+    let loader = bootloader(hub.rig.board().wiring())
+        .and_then(|hex| Firmware::read_hex(&hex))
+        .unwrap_or_else(|error| panic!("{error:#}"));
+    for (address, bytes) in &loader.flash {
+        hub.rig.board().avr_mut().load_flash(*address, bytes);
+    }
+    hub.rig.board().reset(ResetCause::PowerOn);
+    hub.rig.run_ms(200);
+    let (mut restarts, mut random) = (0, Noise::new(5));
+    for round in 0..30 {
+        // The first commands come with the answer, with the restart or between.
+        let delay = random.below([3, 60, 600][round % 3] * MS);
+        let (reset, pulse) = update_and_command(&mut hub, delay, 1200.0 + 10.0 * round as f32);
+        restarts += usize::from(reset.is_some());
+        // The restarted program follows the next command.
+        let is_safe = reset.is_none_or(|reset| pulse.is_none_or(|pulse| reset < pulse));
+        assert!(is_safe, "{delay} cycles: restart at {reset:?}, pulse at {pulse:?}");
+        hub.rig.run_ms(4000);
+    }
+    println!("{restarts} of 30 began");
+    assert!((1..30).contains(&restarts), "both occur: {restarts}");
+}
