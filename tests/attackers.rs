@@ -137,6 +137,25 @@ fn another_commander_s_statuses_do_not_stop_the_motors_of_the_autopilot() {
     hub.assert_motors_run();
 }
 
+/// Its commands are refused because its own vehicle is disarmed, as those of an autopilot on a
+/// bench.
+#[test]
+fn a_node_whose_commands_are_refused_may_not_turn_the_safety_switch_on() {
+    let mut hub = Hub::with_motors(4);
+    hub.fly(1000, |_| {});
+    hub.pulses();
+    hub.fly(1000, |hub| {
+        hub.raw_command(OTHER, &[8191; 4]);
+        hub.send(SAFETY_STATE | OTHER, &[SAFE]);
+        hub.raw_command(OTHER, &[8191; 4]);
+        hub.send(ARMING_STATUS | OTHER, &[DISARMED]);
+    });
+    hub.assert_motors_run();
+    // The autopilot may.
+    hub.send(SAFETY_STATE | AUTOPILOT, &[SAFE]);
+    assert_eq!(hub.widths_us()[..4], [Some(1000.0); 4]);
+}
+
 #[test]
 fn a_servo_follows_a_commander_with_another_node_id_at_once_and_motors_follow_once_it_is_armed() {
     let mut hub = Hub::with_motors(4);

@@ -227,7 +227,12 @@ impl Node {
         if state.len() != 1 {
             return Line::RefusedLength;
         }
-        if !self.is_of_autopilot(state) && !self.outputs.has_commander(state.source) {
+        // A node whose commands are refused, because only another node's vehicle is armed, is the
+        // autopilot, too. It must not stop what the other commands.
+        if (self.outputs.arming.is_only_armed_by_others(state.source)
+            || !self.is_of_autopilot(state))
+            && !self.outputs.has_commander(state.source)
+        {
             return Line::RefusedSource;
         }
         let (source, &[state, ..]) = (state.source, state.bytes());

@@ -51,6 +51,12 @@ impl Arming {
         self.is_disarmed(parameters)
     }
 
+    /// False: the last status counts for all.
+    #[inline(always)]
+    pub fn is_only_armed_by_others(&self, _id: u8) -> bool {
+        false
+    }
+
     /// True if an ArmingStatus of the last four seconds says that the vehicle is disarmed.
     pub fn is_said_disarmed(&self) -> bool {
         self.armed_s < 0

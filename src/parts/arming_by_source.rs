@@ -65,6 +65,21 @@ impl Arming {
         self.sources.iter().any(|source| source.id == id && source.armed_s != 0)
     }
 
+    /// True if other nodes said last that the vehicle is armed, and this node did not.
+    #[inline(never)]
+    pub fn is_only_armed_by_others(&self, id: u8) -> bool {
+        let mut is_armed = false;
+        for source in &self.sources {
+            if source.armed_s != 0 {
+                if source.id == id {
+                    return false;
+                }
+                is_armed = true;
+            }
+        }
+        is_armed
+    }
+
     /// True if a status said within four seconds that the vehicle is disarmed, and none that it is
     /// armed.
     pub fn is_said_disarmed(&self) -> bool {

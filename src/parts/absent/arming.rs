@@ -29,6 +29,12 @@ impl Arming {
     }
 
     /// False.
+    #[inline(always)]
+    pub fn is_only_armed_by_others(&self, _id: u8) -> bool {
+        false
+    }
+
+    /// False.
     pub fn is_armed_by(&self, _id: u8) -> bool {
         false
     }
