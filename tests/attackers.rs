@@ -157,6 +157,25 @@ fn a_node_whose_commands_are_refused_may_not_turn_the_safety_switch_on() {
 }
 
 #[test]
+fn a_safety_switch_that_two_nodes_turned_on_is_not_turned_off_by_one() {
+    let mut hub = Hub::with_motors(0);
+    hub.rig.set("SAFE_MODE", 0);
+    for (source, id) in [(AUTOPILOT, 5), (11, 7)] {
+        hub.position(source, id, 1200.0);
+        hub.rig.run_ms(5);
+    }
+    for (source, state) in [(11, SAFE), (AUTOPILOT, SAFE), (11, NOT_SAFE)] {
+        hub.send(SAFETY_STATE | source, &[state]);
+        hub.rig.run_ms(5);
+    }
+    hub.position(AUTOPILOT, 5, 1900.0);
+    assert_eq!(hub.widths_us()[4], Some(1200.0), "the autopilot's is still on");
+    hub.rig.run_ms(4000);
+    hub.position(AUTOPILOT, 5, 1900.0);
+    assert_eq!(hub.widths_us()[4], Some(1900.0), "neither says that it is on");
+}
+
+#[test]
 fn a_servo_follows_a_commander_with_another_node_id_at_once_and_motors_follow_once_it_is_armed() {
     let mut hub = Hub::with_motors(4);
     hub.fly(1000, |hub| hub.position(AUTOPILOT, 5, 1200.0));

@@ -10,7 +10,7 @@ const TIMEOUT_S: u8 = 4;
 pub struct Safety {
     /// Seconds that it still counts as on.
     safe_s: u8,
-    /// Node ID of whoever put it on.
+    /// Node ID of whoever put it on; 0 if several nodes did, of which none can put it off.
     source: u8,
     /// Outputs that followed commands, or missed them, when it was put on: bit n is output n.
     was_following: u8,
@@ -36,6 +36,8 @@ impl Safety {
     pub fn begin(&mut self, source: u8) {
         if !self.is_safe() {
             self.source = source;
+        } else if self.source != source {
+            self.source = 0;
         }
         self.safe_s = TIMEOUT_S;
     }
