@@ -229,6 +229,25 @@ fn anonymous_frames_with_any_discriminator_move_nothing() {
 // ---- changes while commands come in ----
 
 #[test]
+fn an_output_whose_id_changes_while_a_command_comes_in_does_not_follow_it() {
+    let mut hub = Hub::with_motors(0);
+    let list: Vec<_> = (1..=8).map(|id| (id, PWM, 1000.0 + 100.0 * f32::from(id))).collect();
+    // To an ID that no command has, and to that of another output.
+    for id in [60, 5] {
+        let frames = array_command(&list, id);
+        let (last, first) = frames.split_last().expect("several frames");
+        for data in first {
+            hub.rig.send(ARRAY_COMMAND | AUTOPILOT, data);
+        }
+        hub.rig.set("OUT3_ID", id.into());
+        hub.rig.send(ARRAY_COMMAND | AUTOPILOT, last);
+        let widths = hub.widths_us();
+        assert_eq!((widths[1], widths[2], widths[3]), (Some(1200.0), None, Some(1400.0)), "{id}");
+        hub.rig.set("OUT3_ID", 3);
+    }
+}
+
+#[test]
 fn a_change_of_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
     for (name, value) in [("OUT5_TYPE", 1), ("OUT5_ID", 60)] {
         let mut hub = Hub::with_motors(4);

@@ -47,14 +47,16 @@ impl Outputs {
             let slot = if OUTPUTS == 1 { Slot::new(0) } else { output.slot };
             if left & 1 != 0 && slots & slot.bit != 0 {
                 let place = usize::from(slot.at / Slot::LEN) % entries.len();
-                let [_, number, low, high] = entries[place];
+                let [id, number, low, high] = entries[place];
                 let value = u16::from_le_bytes([low, high]);
-                // An entry that cannot be followed must not replace one that can.
+                // An entry that cannot be followed must not replace one that can. Of several
+                // outputs, one may have got another ID since the entry came.
                 match CommandType::checked(number, value) {
-                    Ok(unit) => {
+                    Ok(unit) if OUTPUTS == 1 || id == output.id => {
                         output.entry = Command::of(command, unit, value);
                         kept |= bit;
                     }
+                    Ok(_) => {}
                     Err(line) => refusal = line,
                 }
             }
