@@ -247,6 +247,28 @@ fn an_output_whose_id_changes_while_a_command_comes_in_does_not_follow_it() {
     }
 }
 
+/// To apply parameters the node takes a turn for each output, and commands come in between.
+#[test]
+fn while_a_parameter_is_set_each_output_follows_its_commands() {
+    let mut hub = Hub::with_motors(0);
+    let mut random = Noise::new(3);
+    for round in 0..60 {
+        let (id, us) = (2 + random.below(7) as u8, 1000.0 + 10.0 * round as f32);
+        hub.rig.request(&Message::ParameterRequest(ParameterRequest {
+            index: 0,
+            value: Value::Integer(round),
+            name: b"TEMP_ID".to_vec(),
+        }));
+        // The request has three frames, 400 us or so.
+        let at = hub.rig.now() + (350 + random.below(800)) * US;
+        let data = &array_command(&[(id, PWM, us)], round as u8 % 32)[0];
+        let frame = Frame::extended(ARRAY_COMMAND | AUTOPILOT, data);
+        hub.rig.peer.borrow_mut().send_at(at, frame);
+        let width = hub.widths_us()[usize::from(id) - 1];
+        assert_eq!(width, Some(us.into()), "round {round}, ID {id}");
+    }
+}
+
 #[test]
 fn a_change_of_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
     for (name, value) in [("OUT5_TYPE", 1), ("OUT5_ID", 60)] {

@@ -126,8 +126,8 @@ pub struct Outputs {
     is_stale: bool,
     /// True if an ArrayCommand came after the last followed command.
     hears_commands: bool,
-    /// For each value of the lower four bits of an ID, an output with such an ID, from 1. 0 if
-    /// there is none.
+    /// For each value of the lower four bits of an ID, an output that has or had such an ID, from
+    /// 1. 0 if there is none.
     listed: [u8; LISTED],
     /// Which outputs are motors.
     pub motors: Motors,
@@ -199,10 +199,6 @@ impl Outputs {
     /// up to 60 us, so each has a turn of its own.
     #[inline(never)]
     pub fn update_next(&mut self, parameters: &Parameters) -> bool {
-        if OUTPUTS > 1 && self.updated == 0 {
-            self.listed = [0; LISTED];
-            self.sharing = 0;
-        }
         let n = if OUTPUTS == 1 { 0 } else { place(self.updated.into()) };
         self.update_output(n, parameters);
         if OUTPUTS > 1 {
@@ -236,6 +232,7 @@ impl Outputs {
             // Outputs with the same ID have the same slot.
             let own = Slot::new(n as u8);
             let slot = self.search(id, n).unwrap_or(own);
+            self.sharing &= !own.bit;
             if slot != own {
                 self.sharing |= own.bit;
             }
