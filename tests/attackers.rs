@@ -388,3 +388,39 @@ fn the_bootloader_does_not_run_once_an_output_follows_commands() {
     println!("{restarts} of 30 began");
     assert!((1..30).contains(&restarts), "both occur: {restarts}");
 }
+
+// ---- commands in step with the pulses ----
+
+/// The node hands new widths over to the interrupt of the pulses, which takes them shortly before
+/// the period ends. A command for each period that comes at that very moment must not hold the
+/// widths of the commands before it back, however often that happens.
+#[test]
+fn at_any_phase_of_the_period_commands_of_50_hz_are_in_the_pulses_40_ms_later() {
+    let mut hub = Hub::with_motors(0);
+    hub.position(AUTOPILOT, 1, 1000.0);
+    hub.rig.run_ms(100);
+    let start = hub.pulses()[0].last().expect("a pulse").start;
+    let mut commanded = vec![];
+    let mut n = 0u16;
+    for phase_us in (900..1500).step_by(10) {
+        let periods = (hub.rig.now() - start) / (20 * MS) + 2;
+        let begin = start + periods * 20 * MS - phase_us * US;
+        for at in (0..8).map(|period| begin + period * 20 * MS) {
+            n += 1;
+            let us = 1000.0 + f32::from(n);
+            let entries: Vec<_> = (1..=8).map(|id| (id, PWM, us)).collect();
+            for data in array_command(&entries, n as u8 % 32) {
+                let frame = Frame::extended(ARRAY_COMMAND | AUTOPILOT, &data);
+                hub.rig.peer.borrow_mut().send_at(at, frame);
+            }
+            commanded.push((at, f64::from(us)));
+            hub.rig.run_until(at + 15 * MS);
+        }
+        for pulse in &hub.pulses()[0] {
+            // A command has five frames, and the outputs take a turn each.
+            let before = commanded.iter().rfind(|(at, _)| at + 43 * MS < pulse.start);
+            let (us, oldest_us) = (pulse.width_us(), before.map_or(1000.0, |before| before.1));
+            assert!(us >= oldest_us, "{phase_us} us before the period: {us}, not {oldest_us} us");
+        }
+    }
+}

@@ -34,9 +34,9 @@ use super::flash::Image;
 use super::pins::ServoSignal;
 use super::timer1;
 use edges::{
-    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, FALLS, Falls, IS_NEW, LEAD, Moment, SCHEDULE, SLOT,
-    Switched, TICKS_OF_TIMER0, USED, enable_interrupt, modulo, modulo_of_pulse, other_falls, plus,
-    tc0, tc1,
+    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, FALLS, Falls, INCOMPLETE, KEPT, LEAD, MISSED, Moment, NEW,
+    OTHER, SCHEDULE, SLOT, Switched, TICKS_OF_TIMER0, USED, enable_interrupt, modulo,
+    modulo_of_pulse, other_falls, plus, tc0, tc1,
 };
 use firmware::hardware::{OUTPUTS, OutputPins};
 use firmware::node::parameters::{Parameter, Parameters};
@@ -179,7 +179,9 @@ impl Pulses for Outputs {
 
     #[inline(always)]
     fn commit(&mut self) {
-        if self.has_change {
+        // Safety: a byte, which one instruction reads.
+        let is_kept = unsafe { (&raw const OTHER).read_volatile() } == KEPT;
+        if self.has_change && !is_kept {
             self.has_change = false;
             self.hand_over();
         }
@@ -190,18 +192,18 @@ impl Outputs {
     /// Gives the new ends of the pulses to the handler.
     #[inline(never)]
     fn hand_over(&mut self) {
-        // Safety: while `IS_NEW` is false the handler does not change to the other set, so only the
-        // main loop uses that one. `IS_NEW` is a byte, which one instruction reads or
-        // writes.
+        // Safety: while `OTHER` is `INCOMPLETE` or `MISSED` the handler does not change to the
+        // other set, so only the main loop uses that one.
         unsafe {
-            (&raw mut IS_NEW).write_volatile(false);
+            (&raw mut OTHER).write_volatile(INCOMPLETE);
             let mut to = other_falls().cast::<Moment>();
             for fall in &self.falls {
                 (&raw mut (*to).at).write_volatile(fall.at);
                 (&raw mut (*to).compare).write_volatile(fall.compare);
                 to = to.wrapping_add(1);
             }
-            (&raw mut IS_NEW).write_volatile(true);
+            let is_missed = (&raw const OTHER).read_volatile() == MISSED;
+            (&raw mut OTHER).write_volatile(if is_missed { KEPT } else { NEW });
         }
     }
 }

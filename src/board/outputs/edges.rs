@@ -133,8 +133,20 @@ pub(super) type Falls = [Moment; OUTPUTS];
 pub(super) static mut FALLS: [Falls; 2] = [[Moment::NONE; OUTPUTS]; 2];
 /// The set that the handler uses.
 pub(super) static mut USED: *const Falls = core::ptr::null();
-/// True if the other set is complete, and newer.
-pub(super) static mut IS_NEW: bool = false;
+/// What the other set is. A byte, which one instruction reads or writes.
+pub(super) static mut OTHER: u8 = OLD;
+
+/// The handler has used it, or has not had one yet.
+pub(super) const OLD: u8 = 0;
+/// It is complete, and newer.
+pub(super) const NEW: u8 = 1;
+/// The main loop writes it.
+pub(super) const INCOMPLETE: u8 = 2;
+/// It is complete, newer, and not to be written again before the handler changes to it.
+pub(super) const KEPT: u8 = 3;
+/// The main loop writes it, and the handler could not change to it. Commands may come in step with
+/// the period, so the main loop keeps the set then: otherwise it could write one at each change.
+pub(super) const MISSED: u8 = 4;
 
 pub(super) fn tc0() -> TC0 {
     // Safety: `Clock` uses other registers of Timer0, and TIMSK0 only before interrupts are
@@ -346,23 +358,26 @@ impl Schedule {
 /// The set that the handler does not use.
 pub(super) fn other_falls() -> *mut Falls {
     let first = (&raw mut FALLS).cast::<Falls>();
-    // Safety: the pointer is to a static. The handler changes it only while `IS_NEW` is true; the
-    // callers are the handler, and the main loop after it has made it false. So no interrupt
-    // comes between the reads of the two bytes of a value that changes.
+    // Safety: the pointer is to a static. The handler changes it only while `OTHER` is `NEW` or
+    // `KEPT`; the callers are the handler, and the main loop after it has made it `INCOMPLETE`. So
+    // no interrupt comes between the reads of the two bytes of a value that changes.
     let used = unsafe { (&raw const USED).read_volatile() };
     if core::ptr::eq(used, first) { first.wrapping_add(1) } else { first }
 }
 
 /// Changes to the new widths, if there are any. No pulse is active.
 pub(super) fn change() {
-    // Safety: only this function writes `USED` after `start`. The main loop clears `IS_NEW` before
-    // it writes the other set, and sets it afterwards. It is a byte, which one instruction
-    // reads or writes.
+    // Safety: only this function writes `USED` after `start`. While the main loop writes the other
+    // set, `OTHER` is `INCOMPLETE` or `MISSED`.
     let width = unsafe {
-        if !(&raw const IS_NEW).read_volatile() {
+        let state = (&raw const OTHER).read_volatile();
+        if state == INCOMPLETE {
+            (&raw mut OTHER).write_volatile(MISSED);
+        }
+        if state & NEW == 0 {
             return;
         }
-        (&raw mut IS_NEW).write_volatile(false);
+        (&raw mut OTHER).write_volatile(OLD);
         let other = other_falls();
         (&raw mut USED).write_volatile(other);
         (*other)[0].at

@@ -299,12 +299,12 @@ impl Outputs {
         self.relays.show(board);
         // A single output ends its pulses only between two of them, so it gets its width again
         // until it does.
-        if OUTPUTS > 1 && !core::mem::take(&mut self.is_stale) && self.used() != 1 {
-            return;
+        if OUTPUTS == 1 || core::mem::take(&mut self.is_stale) || self.used() == 1 {
+            for output in 0..self.used() {
+                board.set(output, self.each[place(output)].pulse());
+            }
         }
-        for output in 0..self.used() {
-            board.set(output, self.each[place(output)].pulse());
-        }
+        // Also what the board could not begin when it was set.
         board.commit();
     }
 
