@@ -309,6 +309,7 @@ fuzz-coverage: $(TOOLS)/bin/cargo-fuzz
 	done
 
 soak: firmware
+	@scripts/boot $(WIRING)
 	SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
 
 setup:

@@ -15,13 +15,16 @@ use signal_hook::flag;
 
 const HELP: &str = "\
 Runs the firmware with random faults for hours of simulated time: an autopilot commands its servo, \
-                    other nodes send, a client reads,
-sets and saves parameters, and about four faults a minute happen. Between faults nothing may be \
-                    lost. The firmware must recover from each
-fault within a second.
+                    on an ATmega328P six of
+eight outputs, and other nodes command theirs, begin commands that never end, and send what is \
+                    rejected. A client reads, sets and
+saves parameters, changes types of outputs and asks for updates, and about four faults a minute \
+                    happen. Between faults nothing may
+be lost. The firmware must recover from each fault within a second.
 
   make soak                     one hour
   make soak HOURS=4             four
+  make soak BOARD=uno           one with the program and the chip of an Uno
   make soak HOURS=0.1 SEED=7    six minutes with other faults
 
 SOAK_HOURS and SOAK_SEED in the environment are the same variables. It prints a line each \

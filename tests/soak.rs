@@ -9,4 +9,5 @@ fn the_node_recovers_from_random_faults_within_a_second() {
     soak.run_until(60_000 * MS, &|| false);
     println!("{}", soak.report);
     assert!(soak.report.commands > 2000 && soak.report.faults.len() > 1);
+    assert!(soak.report.halves > 1000);
 }

@@ -1,14 +1,19 @@
-//! A long run with random faults, from a seed: an autopilot that commands 50 times a second, other
-//! traffic, sometimes a client, and about four faults a minute. The node must recover from each
-//! fault within [`RECOVERY_LIMIT_MS`].
+//! A long run with random faults, from a seed: an autopilot and a companion that command 50 times a
+//! second, nodes that disturb them (see `others`), other traffic, sometimes a client, and about
+//! four faults a minute. The node must recover from each fault within [`RECOVERY_LIMIT_MS`]. In the
+//! preset full it has eight outputs.
 //!
 //! Between faults the node follows and counts each command, each pulse has the width of a recent
 //! command and begins 20 ms after the one before, statuses come in time and in order with the right
 //! uptime, the health is OK, no receive buffer overruns, the node answers requests, and parameters
-//! keep their values. At the end the stack must have stayed within its limit.
+//! keep their values. At the end the stack must have stayed within its limit. A node with one lane
+//! may lose one command of several frames for each that the half-commander completes.
 //!
 //! During a fault each pulse has the last commanded width or the failsafe's. After a restart there
-//! are no pulses until the node follows a command.
+//! are no pulses until the node follows a command. The bootloader gets no update that was asked for
+//! while the outputs were in use, or when they are in use again.
+
+mod others;
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -16,14 +21,16 @@ use std::fmt;
 use crate::manage::parameters;
 use crate::status::{BROWN_OUT, RESET, TRANSFER_ERRORS, WATCHDOG};
 use crate::{
-    ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command, has_all_features, started, status_fields,
+    ARRAY_COMMAND, MS, NODE_STATUS, Rig, US, array_command, has_all_features, started,
+    status_fields,
 };
 use bench::Cycles;
 use bench::Noise;
 use bench::avr::ResetCause;
 use bench::budget::{Budget, PAINT};
 use bench::can::{Fault, Frame};
-use bench::dronecan::{Message, RESTART_MAGIC};
+use bench::dronecan::{Message, NumberAndText, RESTART_MAGIC};
+use others::{FOREIGN, Others, outputs};
 
 /// Limit of the time from the end of a fault until the node follows commands and answers requests
 /// again.
@@ -85,6 +92,8 @@ pub enum FaultKind {
     SameId,
     /// Another node commands the same output.
     SecondCommander,
+    /// A client asks for an update, and commands begin. Only in the preset full.
+    Update,
 }
 
 impl FaultKind {
@@ -100,12 +109,16 @@ impl FaultKind {
         !self.restarts()
             && !matches!(
                 self,
-                Self::ChipReset | Self::ChipBrownOut | Self::ChipSleep | Self::Register
+                Self::ChipReset
+                    | Self::ChipBrownOut
+                    | Self::ChipSleep
+                    | Self::Register
+                    | Self::Update
             )
     }
 }
 
-const FAULT_KINDS: [FaultKind; 21] = [
+const FAULT_KINDS: [FaultKind; 22] = [
     FaultKind::Cable,
     FaultKind::Short,
     FaultKind::NoAcknowledge,
@@ -127,6 +140,7 @@ const FAULT_KINDS: [FaultKind; 21] = [
     FaultKind::Restart,
     FaultKind::SameId,
     FaultKind::SecondCommander,
+    FaultKind::Update,
 ];
 
 /// CNF3, CNF2, CNF1, CANINTE, CANCTRL and RXB0CTRL (DS20001801J table 11-1).
@@ -140,6 +154,17 @@ pub struct Report {
     /// For each kind of fault: how often it occurred, and the longest recovery in milliseconds.
     pub faults: BTreeMap<FaultKind, (u32, f64)>,
     pub commands: u64,
+    /// First frames of commands that never end.
+    pub halves: u64,
+    /// Commands that a half-commander kept out of a single lane.
+    pub kept_out: u64,
+    /// The longest time from a command to a pulse that still has the width of the one before, in
+    /// cycles. 20 ms are the period of the pulses.
+    pub longest_lag: Cycles,
+    /// Changes of an output's type or ID while running.
+    pub changes: u64,
+    /// Updates that the node handed over to the bootloader, and others.
+    pub updates: [u64; 2],
     pub requests: u64,
     pub saves: u64,
     pub statuses: u64,
@@ -154,8 +179,9 @@ pub struct Report {
 pub struct Soak {
     rig: Rig,
     random: Noise,
-    /// Widths in microseconds that were commanded in the last second, with their times.
-    commanded: Vec<(Cycles, u64)>,
+    others: Others,
+    /// For each output the start of its last pulse.
+    last_pulses: Vec<Option<Cycles>>,
     slot: u64,
     to_come: Vec<FaultKind>,
     /// Time of the autopilot's next status.
@@ -166,9 +192,6 @@ pub struct Soak {
     booted: Cycles,
     /// Cause in the vendor-specific code, for a minute after a fault that restarted the program.
     restarted_by: u16,
-    /// Frames of incomplete transfers since the faultless phase began. The node may count each as
-    /// rejected.
-    halves: u16,
     fault_ended: Cycles,
     pub report: Report,
 }
@@ -179,21 +202,20 @@ impl Soak {
         let mut rig = Rig::running_with(started());
         // This program checks for lost frames itself, between faults.
         rig.overflows_expected = true;
-        rig.set("OUT1_FS", 1);
-        rig.set("OUT1_TIMEOUT", 500);
-        rig.save();
+        others::set_up(&mut rig);
+        let booted = rig.now() - 150 * MS;
         let mut soak = Soak {
             rig,
             random: Noise::new(seed),
-            commanded: Vec::new(),
+            others: Others::new(),
+            last_pulses: vec![None; outputs()],
             slot: 0,
             to_come: Vec::new(),
             status_due: 0,
             statuses_sent: 0,
             temp_id: [1; 2],
-            booted: 0,
+            booted,
             restarted_by: 0,
-            halves: 0,
             fault_ended: 0,
             report: Report::default(),
         };
@@ -229,7 +251,8 @@ impl Soak {
             }
             let fault =
                 self.to_come.swap_remove(self.random.below(self.to_come.len() as u64) as usize);
-            if !fault.restarts() || self.random.below(6) == 0 {
+            let is_possible = fault != FaultKind::Update || has_all_features();
+            if is_possible && (!fault.restarts() || self.random.below(6) == 0) {
                 return fault;
             }
         }
@@ -239,17 +262,20 @@ impl Soak {
 
     fn run_without_faults(&mut self, for_ms: u64, stop: &dyn Fn() -> bool) {
         let end = self.now() + for_ms * MS;
+        self.begin_without_faults();
         let before = self.counters();
+        self.others.begin_count();
         let lost = self.rig.board().chip().borrow().rx_overflows();
         let resets = self.rig.board().avr().resets().len();
         self.rig.forget();
-        let (commands, mut last_status) = (self.report.commands, None);
+        let mut last_status = None;
         while self.now() < end && !stop() {
             self.slot();
             match self.random.below(300) {
                 0..=2 => self.ask(),
                 3 => self.change_a_parameter(),
                 4..=9 => self.send_foreign_burst(),
+                20 if has_all_features() => self.change_an_output(),
                 12..=19 => self.send_unfinished_transfer(),
                 10 => self.rig.board().avr_mut().serial_send(b"\r\n"),
                 11 => {
@@ -272,15 +298,21 @@ impl Soak {
             self.rig.traffic.clear();
         }
         let after = self.counters();
-        let commands = (self.report.commands - commands) as u16;
         let followed = after[0].wrapping_sub(before[0]);
-        assert_eq!(followed, commands, "commands followed; counters {before:?} to {after:?}");
+        let missing = (self.others.followed as u16).wrapping_sub(followed);
+        // A half-commander that completes commands may keep others out of a single lane.
+        let limit = if has_all_features() { 0 } else { self.others.favours as u16 };
+        assert!(
+            missing <= limit,
+            "{missing} of {} commands are not followed; counters {before:?} to {after:?}",
+            self.others.followed
+        );
+        self.report.kept_out += u64::from(missing);
         assert_eq!(after[3], before[3], "sends given up");
         // The filters let some frames for other nodes through.
-        let limit = if has_all_features() { u16::MAX } else { 40 + self.halves };
-        self.halves = 0;
+        let limit = if has_all_features() { u64::MAX } else { 40 + self.others.rejected };
         assert!(
-            after[1].wrapping_sub(before[1]) <= limit,
+            u64::from(after[1].wrapping_sub(before[1])) <= limit,
             "frames refused {before:?} to {after:?}"
         );
         assert_eq!(after[2], before[2], "receive overruns {before:?} to {after:?}");
@@ -298,7 +330,11 @@ impl Soak {
     fn slot(&mut self) {
         let sweep = (self.slot as f64 / 100.0).sin();
         let us = 1500.0 + 440.0 * sweep + self.random.below(10) as f64;
+        if self.slot.is_multiple_of(25) {
+            self.send_arming();
+        }
         self.command(us as u64);
+        self.disturb();
         // In time, whatever the test does between.
         while self.status_due < self.now() + 500 * MS {
             self.status_due = self.now().max(self.status_due + 1000 * MS);
@@ -311,43 +347,6 @@ impl Soak {
         }
         self.slot += 1;
         self.rig.run_ms(SLOT_MS);
-    }
-
-    /// Commands a pulse width that a float16 represents exactly.
-    fn command(&mut self, us: u64) {
-        let us = if us as f64 == FAILSAFE_US { us + 1 } else { us };
-        let now = self.now();
-        self.commanded.retain(|(at, _)| at + 1000 * MS > now);
-        self.commanded.push((now, us));
-        self.rig.send_command(1, 4, us as f32);
-        self.report.commands += 1;
-    }
-
-    /// Checks that each pulse has the width of a recent command and begins one period after the one
-    /// before.
-    #[track_caller]
-    fn check_pulses(&mut self) {
-        let pulses = &self.rig.pulses;
-        for pair in pulses.windows(2) {
-            assert_eq!(pair[1].start - pair[0].start, SERVO_PERIOD, "the period");
-        }
-        for pulse in pulses {
-            // The newest command that can have arrived in time for this period, or one a little
-            // older.
-            let since = pulse.start.saturating_sub(2 * SERVO_PERIOD + 10 * MS);
-            let given = self.commanded.iter().filter(|(at, _)| *at <= pulse.start);
-            let older = given.clone().rfind(|(at, _)| *at < since);
-            let mut possible = given.filter(|(at, _)| *at >= since).chain(older);
-            let us = pulse.width_us();
-            assert!(
-                possible.any(|(_, wanted)| *wanted as f64 == us),
-                "a pulse of {us} us, commanded {:?}",
-                self.commanded
-            );
-        }
-        let last = self.rig.pulses.pop();
-        self.rig.pulses.clear();
-        self.rig.pulses.extend(last);
     }
 
     #[track_caller]
@@ -448,14 +447,14 @@ impl Soak {
     /// which a node with a v0 autopilot ignores.
     fn send_unfinished_transfer(&mut self) {
         let first = [0xC1, 0x45, 0x00, 0x01, 0x20, 0xA1, 0x07, 0x80];
-        let source = self.random.below(90) as u32 + 11;
+        let source = others::LAST + 1 + self.random.below(80) as u32;
         let id = match self.random.below(3) {
             0 => ARRAY_COMMAND | source,
             1 => 0x1E0B_F880 | source,
             _ => 0x084C_0008 | source << 10,
         };
         self.rig.send(id & 0x1FFF_FFFF, &first);
-        self.halves += 2;
+        self.others.rejected += 2;
     }
 
     /// Sends a burst of frames for other nodes, at any priority.
@@ -470,7 +469,7 @@ impl Soak {
             let data = self.random.next_u64().to_le_bytes();
             let frame = match kind {
                 0x0003_F200 => {
-                    Frame::extended(id, &[2, 0, 0, 0x38, 0xC0 | self.random.below(32) as u8])
+                    Frame::extended(id, &[FOREIGN, 0, 0, 0x38, 0xC0 | self.random.below(32) as u8])
                 }
                 _ => Frame::extended(id, &data),
             };
@@ -481,17 +480,19 @@ impl Soak {
     // ---- faults ----
 
     fn run_fault(&mut self, fault: FaultKind) {
-        let last_width = self.commanded.last().map(|(_, width)| *width);
+        let last_width = self.others.commanded[0].last().map(|us| us as u64);
         let for_ms = 100 + self.random.below(2900);
         let lost = self.rig.board().chip().borrow().rx_overflows();
         self.rig.violations_expected = true;
         self.rig.forget();
+        self.forget_pulses();
         self.begin(fault);
         let begun = self.now();
         while fault.is_lasting() && self.now() < begun + for_ms * MS {
             // Like an autopilot, drops the frames that it could not send.
             self.rig.peer.borrow_mut().clear_queue();
             if fault != FaultKind::Silence {
+                self.send_arming();
                 self.command(last_width.unwrap_or(1200));
             }
             if fault == FaultKind::SameId {
@@ -504,17 +505,20 @@ impl Soak {
             }
             self.rig.run_ms(SLOT_MS);
         }
-        self.check_pulses_in(fault, last_width);
+        // A bit that is inverted between the chips can be one of a command.
+        self.check_pulses_in_fault(&format!("{fault:?}"), fault == FaultKind::SpiNoise);
         self.end(fault);
         let recovery_ms = self.recover(fault, last_width);
         if fault.restarts() || self.rig.serial.contains("reset:") {
             self.booted = self.boot_time();
             self.restarted_by = match fault {
-                FaultKind::Hang => WATCHDOG,
+                // The hand-over to the bootloader is a reset by the watchdog.
+                FaultKind::Hang | FaultKind::Update => WATCHDOG,
                 FaultKind::BrownOut => BROWN_OUT,
                 _ => 0,
             };
             self.temp_id[0] = self.temp_id[1];
+            self.others.restart();
         }
         self.rig.run_ms(50);
         self.fault_ended = self.now();
@@ -541,6 +545,7 @@ impl Soak {
                 self.rig.peer.borrow_mut().babble(Some(Frame::extended(0x0000_0A7F, &[0x55; 8])))
             }
             FaultKind::Silence | FaultKind::SameId | FaultKind::SecondCommander => {}
+            FaultKind::Update => self.update_while_commands_begin(),
             FaultKind::ChipReset => self.rig.board().chip_reset(),
             FaultKind::ChipBrownOut => self.rig.board().chip_brown_out(seed),
             FaultKind::ChipPower => {
@@ -617,15 +622,37 @@ impl Soak {
         }
     }
 
-    /// Checks that each pulse has a width that is allowed during this fault.
+    /// A client asks for an update some time after the last command, and commands begin again soon
+    /// after. The node may hand over to the bootloader only if the vehicle was said to be disarmed,
+    /// or was not commanded for two seconds, and never once it follows commands.
     #[track_caller]
-    fn check_pulses_in(&mut self, fault: FaultKind, last_width: Option<u64>) {
-        for pulse in &self.rig.pulses {
-            let us = pulse.width_us();
-            let expected = last_width.is_some_and(|width| width as f64 == us) || us == FAILSAFE_US;
-            // A bit that is inverted between the chips can be one of a command.
-            let possible = fault == FaultKind::SpiNoise && (1000.0..=2000.0).contains(&us);
-            assert!(expected || possible, "{fault:?}: {us} us, commanded {last_width:?}");
+    fn update_while_commands_begin(&mut self) {
+        let last = self.now();
+        let us = self.others.commanded[0].last().map_or(1200, |us| us as u64);
+        let was_armed = self.others.is_armed;
+        self.send_arming();
+        self.command(us);
+        let silent_ms = [0, 4200][self.random.below(2) as usize] + self.random.below(2000);
+        self.rig.run_ms(silent_ms);
+        let resets = self.rig.board().avr().resets().len();
+        let request = NumberAndText { number: 0, text: b"fw.bin".to_vec() };
+        self.rig.request(&Message::BeginUpdate(request));
+        let wait_us = self.random.below(800_000);
+        self.rig.run_until(self.now() + wait_us * US);
+        let begin = self.now();
+        self.others.is_armed = true;
+        for _ in 0..60 {
+            self.command(us);
+            self.send_arming();
+            self.rig.run_ms(SLOT_MS);
+        }
+        let reset = self.rig.board().avr().resets_after(resets).first().map(|reset| reset.at);
+        self.report.updates[usize::from(reset.is_none())] += 1;
+        if let Some(at) = reset {
+            assert!(at < begin + SLOT_MS * MS, "the bootloader ran while commands were followed");
+            // A status that says disarmed counts for four seconds.
+            let may = !was_armed && silent_ms < 4000 || at >= last + 2000 * MS;
+            assert!(may, "the bootloader ran {silent_ms} ms after a command, armed: {was_armed}");
         }
     }
 
@@ -633,7 +660,7 @@ impl Soak {
     /// that took, in milliseconds.
     #[track_caller]
     fn recover(&mut self, fault: FaultKind, last_width: Option<u64>) -> f64 {
-        self.rig.pulses.clear();
+        self.forget_pulses();
         let ended = self.now();
         // A width that differs from the last one, to recognise it.
         let width = if last_width.is_some_and(|width| width < 1500) { 1800 } else { 1200 };
@@ -641,6 +668,7 @@ impl Soak {
         loop {
             self.rig.peer.borrow_mut().clear_queue();
             self.command(width);
+            self.send_arming();
             if self.rig.answers().len() == answers {
                 self.rig.request(&Message::NodeInfoRequest);
             }
@@ -690,15 +718,26 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} commands, {} requests, {} saves, {} statuses, {} frames; {} frames lost, all of \
-             them in faults; {} B of RAM",
+            "{} commands, {} of them kept out by half-commanders, {} half commands; at most \
+             {:.1} ms from a command to a pulse without it",
             self.commands,
-            self.requests,
-            self.saves,
-            self.statuses,
-            self.frames,
-            self.lost_in_faults,
-            self.ram
+            self.kept_out,
+            self.halves,
+            self.longest_lag as f64 / MS as f64,
+        )?;
+        if has_all_features() {
+            let [handed_over, other] = self.updates;
+            writeln!(
+                f,
+                "{} changes of types and IDs; {handed_over} updates began, {other} did not",
+                self.changes
+            )?;
+        }
+        writeln!(
+            f,
+            "{} requests, {} saves, {} statuses, {} frames; {} frames lost, all of them in faults; \
+             {} B of RAM",
+            self.requests, self.saves, self.statuses, self.frames, self.lost_in_faults, self.ram
         )?;
         writeln!(f, "{:<14}{:>7}  longest recovery", "fault", "times")?;
         for (fault, (count, worst)) in &self.faults {
