@@ -341,6 +341,42 @@ fn the_failsafe_of_one_output_leaves_the_node_on_the_bus_while_another_is_comman
 
 // ---- updates while commands begin ----
 
+/// The board gets the bootloader, too. Each reset starts the program, so that the hand-over is a
+/// restart.
+fn hub_with_bootloader() -> Hub {
+    let mut hub = Hub::with_motors(0);
+    let loader = bootloader(hub.rig.board().wiring())
+        .and_then(|hex| Firmware::read_hex(&hex))
+        .unwrap_or_else(|error| panic!("{error:#}"));
+    for (address, bytes) in &loader.flash {
+        hub.rig.board().avr_mut().load_flash(*address, bytes);
+    }
+    hub.rig.board().reset(ResetCause::PowerOn);
+    hub.rig.run_ms(200);
+    hub
+}
+
+#[test]
+fn the_bootloader_s_record_of_the_bus_follows_the_saved_bit_rate() {
+    /// The record in EEPROM: node ID, three registers, CRC.
+    const BUS: std::ops::Range<usize> = 0x18..0x1E;
+    let mut hub = hub_with_bootloader();
+    let record = |hub: &mut Hub| {
+        hub.rig.run_ms(100);
+        hub.rig.board().avr().eeprom()[BUS].to_vec()
+    };
+    let first = record(&mut hub);
+    assert_eq!(first[0], 120);
+    hub.rig.set("CAN_BAUDRATE", 125_000);
+    assert_eq!(record(&mut hub), first, "not saved");
+    hub.rig.save();
+    let second = record(&mut hub);
+    assert!(second[0] == 120 && second[1..] != first[1..], "{first:02X?}, {second:02X?}");
+    hub.rig.set("CAN_BAUDRATE", 1_000_000);
+    hub.rig.save();
+    assert_eq!(record(&mut hub), first);
+}
+
 /// Asks for an update and commands an output a new width `delay` later. Returns the time of the
 /// restart, if there is one, and that of the first pulse of this width, both after the request.
 fn update_and_command(hub: &mut Hub, delay: Cycles, us: f32) -> (Option<Cycles>, Option<Cycles>) {
@@ -362,18 +398,9 @@ fn update_and_command(hub: &mut Hub, delay: Cycles, us: f32) -> (Option<Cycles>,
     (reset, first)
 }
 
-/// Each reset starts the program and not the bootloader, so that the hand-over is a restart.
 #[test]
 fn the_bootloader_does_not_run_once_an_output_follows_commands() {
-    let mut hub = Hub::with_motors(0);
-    let loader = bootloader(hub.rig.board().wiring())
-        .and_then(|hex| Firmware::read_hex(&hex))
-        .unwrap_or_else(|error| panic!("{error:#}"));
-    for (address, bytes) in &loader.flash {
-        hub.rig.board().avr_mut().load_flash(*address, bytes);
-    }
-    hub.rig.board().reset(ResetCause::PowerOn);
-    hub.rig.run_ms(200);
+    let mut hub = hub_with_bootloader();
     let (mut restarts, mut random) = (0, Noise::new(5));
     for round in 0..30 {
         // The first commands come with the answer, with the restart or between.
