@@ -31,9 +31,9 @@ pub struct Motors {
     left_out: u8,
     /// Node ID of its sender.
     left_out_by: u8,
-    /// The number of commands in the last esc.RawCommand, and the motors for which it had one: most
-    /// have as many as the one before. 0 if the motors have changed.
-    commands: u8,
+    /// The length of the last esc.RawCommand, and the motors for which it had a command: most are as
+    /// long as the one before. 0 if the motors have changed.
+    len: u8,
     commanded: u8,
 }
 
@@ -60,7 +60,7 @@ impl Motors {
             idle: 0,
             left_out: 0,
             left_out_by: 0,
-            commands: 0,
+            len: 0,
             commanded: 0,
         }
     }
@@ -70,7 +70,7 @@ impl Motors {
         let is_motor = parameters.of(output, OutputParameter::Type) as u8 == MOTOR;
         let bit = 1 << output;
         self.motors = if is_motor { self.motors | bit } else { self.motors & !bit };
-        (self.commands, self.commanded) = (0, 0);
+        (self.len, self.commanded) = (0, 0);
         is_motor
     }
 
@@ -86,12 +86,12 @@ impl Motors {
         self.motors != 0
     }
 
-    /// The motors for which an esc.RawCommand of so many commands has one: bit n is output n.
+    /// The motors for which an esc.RawCommand of `len` bytes has a command: bit n is output n.
     /// `indices` has the ID of each output.
     #[inline(always)]
-    pub fn commanded(&mut self, commands: u8, indices: impl Iterator<Item = u8>) -> u8 {
-        if commands != self.commands {
-            self.commands = commands;
+    pub fn commanded(&mut self, len: u8, indices: impl Iterator<Item = u8>) -> u8 {
+        if len != self.len {
+            self.len = len;
             self.count(indices);
         }
         self.commanded
@@ -99,9 +99,10 @@ impl Motors {
 
     #[inline(never)]
     fn count(&mut self, indices: impl Iterator<Item = u8>) {
+        let commands = esc::raw_commands(self.len);
         let (mut bit, mut commanded) = (1u8, 0);
         for index in indices {
-            if index < self.commands {
+            if index < commands {
                 commanded |= bit;
             }
             bit <<= 1;

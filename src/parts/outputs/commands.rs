@@ -1,6 +1,6 @@
 //! Commands: which outputs one is for, and how the outputs follow.
 
-use dronecan_wire::{Slot, esc};
+use dronecan_wire::Slot;
 
 use super::output::Output;
 use super::travel::CommandType;
@@ -74,8 +74,8 @@ impl Outputs {
     /// the line for the reason of a refusal; [`Line::NONE`] if there is none.
     #[inline(always)]
     pub fn act_on_raw_command(&mut self, command: &Transfer) -> Line {
-        let commands = esc::raw_commands(command.payload().len() as u8);
-        let found = self.motors.commanded(commands, self.each.iter().map(|output| output.id));
+        let len = command.payload().len() as u8;
+        let found = self.motors.commanded(len, self.each.iter().map(|output| output.id));
         if found == 0 {
             return Line::NONE;
         }
