@@ -75,6 +75,7 @@ fn assert_equal(name: &str, simavr: &str, avr8js: &str) {
 #[track_caller]
 fn compare(board: &str, preset: &str, traffic: &str) {
     let (seconds, seed) = (number("CROSS_SECONDS", 9), number("CROSS_SEED", 1));
+    assert!(seconds >= 3, "CROSS_SECONDS={seconds}: use 3 or more. A pulse comes after two");
     let elf = firmware_for(board, "seeed", preset).expect("the firmware");
     let other = avr8js(&elf, traffic, seconds, seed);
     let firmware = Firmware::read(&elf).expect("an ELF file");
