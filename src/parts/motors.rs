@@ -31,8 +31,8 @@ pub struct Motors {
     left_out: u8,
     /// Node ID of its sender.
     left_out_by: u8,
-    /// The length of the last esc.RawCommand, and the motors for which it had a command: most are as
-    /// long as the one before. 0 if the motors have changed.
+    /// The length of the last esc.RawCommand, and the motors for which it had a command: most are
+    /// as long as the one before. 0 if the motors have changed.
     len: u8,
     commanded: u8,
 }
