@@ -297,7 +297,7 @@ fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test -p tests --test fuzz -- --nocapture
 
 # New inputs stay in the target directory; fuzz/corpus is only read. See docs/fuzzing.md.
-FUZZED := node eeprom host sim bridge
+FUZZED := node commanders eeprom host sim bridge
 TIME := 60
 MUTANTS = $(TOOLS)/bin/cargo-mutants mutants --jobs 2 --timeout 60 --build-timeout 100
 fuzz-coverage: $(TOOLS)/bin/cargo-fuzz

@@ -70,6 +70,8 @@ impl Motors {
         let is_motor = parameters.of(output, OutputParameter::Type) as u8 == MOTOR;
         let bit = 1 << output;
         self.motors = if is_motor { self.motors | bit } else { self.motors & !bit };
+        // A command for the old type or ID gives no pulse.
+        self.idle &= !bit;
         (self.len, self.commanded) = (0, 0);
         is_motor
     }

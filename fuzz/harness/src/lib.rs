@@ -8,6 +8,7 @@
 #![forbid(unsafe_code)]
 
 pub mod bridge;
+pub mod commanders;
 pub mod eeprom;
 pub mod host;
 pub mod node;

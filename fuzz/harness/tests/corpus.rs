@@ -24,6 +24,11 @@ fn no_input_of_the_corpus_fails_in_the_node() {
 }
 
 #[test]
+fn no_input_of_the_corpus_fails_with_three_commanders() {
+    run("commanders", fuzz_harness::commanders::run);
+}
+
+#[test]
 fn no_input_of_the_corpus_fails_as_an_eeprom() {
     run("eeprom", fuzz_harness::eeprom::run);
 }
