@@ -595,7 +595,9 @@ impl Soak {
     fn hang(&mut self) {
         let program = self.rig.board().avr().flash().to_vec();
         // WDR is 0x95A8; the last one of the program is in the main loop. RJMP to itself is 0xCFFF.
-        let wdr = (0x68..0x3800)
+        // The bootloader begins behind it.
+        let end = program.len().min(0x7800);
+        let wdr = (0x68..end)
             .step_by(2)
             .rfind(|&at| program[at..at + 2] == [0xA8, 0x95])
             .expect("a main loop");
