@@ -12,6 +12,7 @@ use std::rc::Rc;
 use anyhow::{Context as _, Result, anyhow, bail};
 
 use crate::annotations::Annotations;
+use crate::opcode::Op;
 use crate::program::Program;
 use crate::state::State;
 use crate::step::{Flow, is_table_jump, step};
@@ -127,8 +128,12 @@ impl<'a> Analysis<'a> {
         walk.summary.visit(&state);
         let instruction = self.program.instruction(at)?;
         let before = state.enables;
+        let written = match instruction.op {
+            Op::Sbi(_, bit) | Op::Cbi(_, bit) => 1 << bit,
+            _ => u8::MAX,
+        };
         for step in step(self.program, state, instruction)? {
-            walk.summary.note_set_bits(&before, &step.state.enables);
+            walk.summary.note_set_bits(&before, &step.state.enables, written);
             match step.flow {
                 Flow::To(to) => self.jump(walk, at, to, step.state, instruction.next())?,
                 Flow::Call(target, back) => self.call(walk, at, &[target], back, step.state)?,

@@ -148,14 +148,14 @@ impl Summary {
         }
     }
 
-    /// Notes the bits that an instruction may have set.
-    pub(crate) fn note_set_bits(&mut self, before: &Enables, after: &Enables) {
+    /// Notes the bits that an instruction may have set, among those that it writes.
+    pub(crate) fn note_set_bits(&mut self, before: &Enables, after: &Enables, written: u8) {
         if before != after {
             for (at, set) in self.sets.iter_mut().enumerate() {
                 let is_changed =
                     before.zeros[at] != after.zeros[at] || before.ones[at] != after.ones[at];
                 if is_changed {
-                    *set |= !after.zeros[at] & !before.ones[at];
+                    *set |= !after.zeros[at] & !before.ones[at] & written;
                 }
             }
         }

@@ -100,6 +100,41 @@ fn a_handler_that_masks_itself_can_nest_below_another() {
     assert_eq!(stack(&program).unwrap().bytes, 2 + 1);
 }
 
+/// INT0's handler rests on its own mask, and INT1's changes another bit of the same register.
+#[test]
+fn a_handler_may_mask_itself_beside_one_that_nests() {
+    let nesting = |of_int1: &str| {
+        assembled(
+            "beside",
+            &format!(
+                "{SET_SP}
+                 sei
+                 rjmp .-2
+                 .type int0, @function
+                 int0: cbi 0x1D, 0
+                 sei
+                 push r24
+                 pop r24
+                 cli
+                 sbi 0x1D, 0
+                 reti
+                 .type int1, @function
+                 int1: push r24
+                 push r24
+                 {of_int1}
+                 pop r24
+                 pop r24
+                 reti"
+            ),
+        )
+    };
+    assert_eq!(stack(&nesting("cbi 0x1D, 1")).unwrap().bytes, 2 + 1 + 2 + 2);
+    for unmasks in ["sbi 0x1D, 0", "ldi r24, 3\n out 0x1D, r24", "andi r24, 0xFD\n out 0x1D, r24"] {
+        let text = refusal(stack(&nesting(unmasks)));
+        assert!(text.contains("INT1 may enable INT0"), "{unmasks}: {text}");
+    }
+}
+
 #[test]
 fn a_hidden_recursion_is_refused() {
     let program = program(

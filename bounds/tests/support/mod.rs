@@ -13,14 +13,17 @@ use bounds::program::Program;
 use bounds::stack::Analysis;
 use bounds::whole::{self, Stack};
 
-/// Vectors of which INT0's leads to `int0`, and the others to the start of the program.
+/// Vectors of which INT0's leads to `int0`, INT1's to `int1` if the program has it, and the others
+/// to the start of the program.
 const VECTORS: &str = "
     .global start, int0
+    .weak int1
     .section .text
     __vectors:
     jmp start
     jmp int0
-    .rept 24
+    jmp int1
+    .rept 23
     jmp start
     .endr
 ";
