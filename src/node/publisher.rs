@@ -8,6 +8,9 @@ use super::Node;
 use super::health::CanCounters;
 use super::parameters::{Parameter, Parameters};
 use crate::parts::dialect;
+use due::Due;
+
+mod due;
 
 /// The longest time between two statuses, in milliseconds (DSDL 341.NodeStatus.uavcan,
 /// MAX_BROADCASTING_PERIOD_MS).
@@ -253,48 +256,6 @@ const fn paces(when: &[When]) -> usize {
 
 /// The number of messages.
 const COUNT: usize = TYPES.len();
-
-/// The bits of [`Due`].
-type Bits = <() as Width<{ COUNT > 8 }>>::Bits;
-
-/// An integer with a bit for each message.
-trait Width<const IS_WIDE: bool> {
-    type Bits;
-}
-
-impl Width<false> for () {
-    type Bits = u8;
-}
-
-impl Width<true> for () {
-    type Bits = u16;
-}
-
-const _: () = assert!(COUNT <= Bits::BITS as usize, "each has a bit of `Due`");
-
-/// A set of messages.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Due(Bits);
-
-impl Due {
-    #[inline(always)]
-    const fn bit(publication: Publication) -> Bits {
-        if publication.0 == Publication::NONE.0 { 0 } else { 1 << publication.0 }
-    }
-
-    const fn has(self, publication: Publication) -> bool {
-        self.0 & Self::bit(publication) != 0
-    }
-
-    const fn without(self, publication: Publication) -> Self {
-        Self(self.0 & !Self::bit(publication))
-    }
-
-    /// The messages that are in both sets.
-    const fn only(self, other: Self) -> Self {
-        Self(self.0 & other.0)
-    }
-}
 
 /// The messages that a node without an ID sends.
 const WITHOUT_ID: Due = Due(Due::bit(Publication::Allocation));
