@@ -25,9 +25,9 @@ FEATURES ?=
 # what is wrong.
 ELF = $(shell scripts/firmware --path $(WIRING) '$(FEATURES)' 2>/dev/null)
 GDB_ELF = $(shell scripts/firmware --path --gdb $(WIRING) '$(FEATURES)' 2>/dev/null)
-# Presets with which the library is tested, and tunnel and relay, features that are in none of them;
-# and builds that the tests on simulated boards use.
-PRESETS := default full remote thesis tunnel relay
+# Presets with which the library is tested, and tunnel, relay and rpm, features that are in none of
+# them; and builds that the tests on simulated boards use.
+PRESETS := default full remote thesis tunnel relay rpm
 SHIPPED := default remote thesis
 # Boards with the other chip, and test files with all that can differ on them.
 UNO := --board uno --shield seeed
@@ -201,7 +201,7 @@ firmwares:
 	@scripts/boot $(UNO)
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
-	@scripts/firmware $(UNO) full default tunnel relay
+	@scripts/firmware $(UNO) full default tunnel relay rpm outputs,rpm
 	@scripts/boot $(UNO_MODULE)
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
@@ -411,10 +411,10 @@ bounds-page:
 	@scripts/firmware $(UNO) full
 	cargo bench --bench bounds
 
-# The presets and the bootloaders of both chips.
+# The presets and the bootloaders of both chips, and the feature with one more interrupt.
 test-bounds:
 	scripts/bounds $(SHIPPED)
-	scripts/bounds $(UNO) full default
+	scripts/bounds $(UNO) full default outputs,rpm
 	scripts/bounds --boot
 	scripts/bounds $(UNO) --boot
 

@@ -91,7 +91,15 @@ fn describe_board() -> String {
     let outputs: Vec<&str> =
         outputs.iter().filter_map(Value::as_str).filter(is_free).take(MORE_OUTPUTS).collect();
     assert_eq!(outputs.len(), MORE_OUTPUTS, "avr-specs/boards.toml: pins.outputs has too few pins");
-    let light = Some(text(&table, &["pins", "light"])).filter(|light| *light != interrupt);
+    let rpm = pins["rpm"].as_array().expect("avr-specs/boards.toml: pins.rpm is a list");
+    let rpm = rpm
+        .iter()
+        .filter_map(Value::as_str)
+        .find(|pin| *pin != interrupt)
+        .filter(|_| std::env::var_os("CARGO_FEATURE_RPM").is_some())
+        .unwrap_or_default();
+    let light =
+        Some(text(&table, &["pins", "light"])).filter(|light| *light != interrupt && *light != rpm);
     let has_entry = |shield: &&Value| {
         let is =
             |key: &str, value: &str| shield.get(key).is_some_and(|entry| plain(entry) == value);
@@ -109,6 +117,7 @@ fn describe_board() -> String {
     set("NODE_SERVO", servo);
     set("NODE_OUTPUTS", &outputs.join(","));
     set("NODE_POWER", &power.join(","));
+    set("NODE_RPM", rpm);
     set("NODE_LIGHT", light.as_deref().unwrap_or_default());
     set("NODE_BUTTON", &text(&table, &["pins", "button"]));
     set("NODE_SENSOR", &text(&table, &["pins", "sensor"]));

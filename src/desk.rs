@@ -12,7 +12,7 @@ use std::vec::Vec;
 use mcp2515_ordered::{Attempts, Configuration, Counters, Frame, Notice, State};
 
 use crate::handover::REQUEST_LEN;
-use crate::hardware::{Input, OUTPUTS};
+use crate::hardware::{Input, OUTPUTS, ShaftPulses};
 use crate::image::InMemory;
 use crate::node::acceptance::NodeAcceptance;
 use crate::node::agenda::Turn;
@@ -28,6 +28,9 @@ const BYTES_PER_MS: u32 = 11;
 
 /// More turns than any millisecond needs. Reaching this limit means an endless loop.
 const TURNS_MAX: u32 = 10_000;
+
+/// Microseconds of a slot, in which one pulse of the shaft is counted.
+const SLOT_US: u64 = ShaftPulses::SLOT_TICKS as u64 * 4;
 
 /// An EEPROM whose supply can fail. It panics when it is read or written while a write is in
 /// progress.
@@ -149,6 +152,8 @@ pub struct Table {
     pub light: u8,
     /// True while the button is pressed.
     pub is_pressed: bool,
+    /// Microseconds from a pulse of the shaft to the next one; 0 while it stands still.
+    pub pulse_us: u64,
     /// True if a question mark was received on the serial port.
     pub is_asked: bool,
     /// The bytes logged on the serial port.
@@ -164,6 +169,11 @@ pub struct Table {
     /// The input that the ADC measures.
     input: Input,
     passed_ms: u8,
+    /// Time of the shaft's next pulse.
+    next_pulse_us: u64,
+    /// The slot of the last pulse that was counted.
+    last_slot: u64,
+    counts_pulses: bool,
 }
 
 impl Board for Table {
@@ -273,6 +283,28 @@ impl Board for Table {
         self.is_pressed
     }
 
+    fn shaft_pulses(&mut self, is_on: bool) -> ShaftPulses {
+        let mut pulses = ShaftPulses::NONE;
+        let now_us = u64::from(self.ms) * 1000;
+        if self.pulse_us == 0 {
+            self.next_pulse_us = now_us;
+        }
+        while self.pulse_us != 0 && self.next_pulse_us <= now_us {
+            let slot = self.next_pulse_us / SLOT_US;
+            if self.counts_pulses && slot != self.last_slot {
+                self.last_slot = slot;
+                pulses = ShaftPulses {
+                    count: pulses.count + 1,
+                    ms: (self.next_pulse_us / 1000) as u8,
+                    ticks: (self.next_pulse_us % 1000 / 4) as u8,
+                };
+            }
+            self.next_pulse_us += self.pulse_us;
+        }
+        self.counts_pulses = is_on;
+        pulses
+    }
+
     fn set_light(&mut self, brightness: u8) {
         self.light = brightness;
     }
@@ -355,6 +387,7 @@ impl Desk {
                 circuit: [0; 2],
                 light: 0,
                 is_pressed: false,
+                pulse_us: 0,
                 is_asked: false,
                 log: Vec::new(),
                 has_loader,
@@ -364,6 +397,9 @@ impl Desk {
                 noise: 7,
                 input: Input::Sensor,
                 passed_ms: 0,
+                next_pulse_us: 0,
+                last_slot: 0,
+                counts_pulses: false,
             },
         };
         desk.program.start(&mut desk.board);

@@ -61,9 +61,11 @@ pub const PACKED_OUTPUT_PINS: [u8; PACKED_LEN] = {
     }
     packed
 };
-/// The light (OC2B). `None` if INT is on its pin.
-pub const LIGHT: Option<Pin> =
-    if env!("NODE_LIGHT").is_empty() { None } else { Some(Pin::named(env!("NODE_LIGHT"))) };
+/// The light (OC2B). `None` if INT or the shaft's pulses are on its pin.
+pub const LIGHT: Option<Pin> = optional(env!("NODE_LIGHT"));
+/// The pulses of the shaft: D3 (INT1), or D2 (INT0) if the CAN controller's INT is on D3. `None`
+/// without the feature `rpm`.
+pub const SHAFT: Option<Pin> = optional(env!("NODE_RPM"));
 /// The temperature sensor.
 const SENSOR: Pin = Pin::named(env!("NODE_SENSOR"));
 /// The pins for voltage and current of the circuit.
@@ -104,6 +106,29 @@ impl Input {
     }
 }
 
+/// The pulses of the shaft since the board was asked before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ShaftPulses {
+    /// How many there were.
+    pub count: u8,
+    /// Time of the last one, in milliseconds modulo 256.
+    pub ms: u8,
+    /// The same time, in ticks since that millisecond began: 0 to
+    /// [`TICKS_PER_MS`](Self::TICKS_PER_MS) - 1.
+    pub ticks: u8,
+}
+
+impl ShaftPulses {
+    /// Ticks in a millisecond.
+    pub const TICKS_PER_MS: u8 = 250;
+
+    /// Ticks of a slot, 248 us: the board counts one pulse in each slot at most.
+    pub const SLOT_TICKS: u8 = 62;
+
+    /// No pulses.
+    pub const NONE: Self = Self { count: 0, ms: 0, ticks: 0 };
+}
+
 /// A pin of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pin {
@@ -130,6 +155,11 @@ impl Pin {
     pub const fn mask(self) -> u8 {
         1 << self.bit
     }
+}
+
+/// The pin with this name, if there is a name.
+const fn optional(name: &str) -> Option<Pin> {
+    if name.is_empty() { None } else { Some(Pin::named(name)) }
 }
 
 const fn decimal(digits: &str) -> u8 {
@@ -172,6 +202,7 @@ mod tests {
         pins.extend(POWER);
         pins.extend(["D11", "D12", "D13"].map(Pin::named));
         pins.extend(LIGHT);
+        pins.extend(SHAFT);
         for (n, pin) in pins.iter().enumerate() {
             assert!(!pins[..n].contains(pin), "{pin:?}");
         }

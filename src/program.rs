@@ -7,7 +7,7 @@
 use mcp2515_ordered::{Attempts, Configuration, Frame, Notice, State};
 
 use crate::handover::REQUEST_LEN;
-use crate::hardware::Input;
+use crate::hardware::{Input, ShaftPulses};
 use crate::monitor::{self, Monitor, TextsAndNames};
 use crate::node::acceptance::{Filters, NodeAcceptance};
 use crate::node::agenda::{Agenda, Facts, Turn};
@@ -112,6 +112,11 @@ pub trait Board {
     /// True if the level of the button's pin is low.
     fn is_button_pressed(&self) -> bool {
         false
+    }
+
+    /// The pulses of the shaft since the last call. Counts the next ones if `is_on` is true.
+    fn shaft_pulses(&mut self, _is_on: bool) -> ShaftPulses {
+        ShaftPulses::NONE
     }
 
     /// Sets the brightness of the light: 0 is off, 255 is full.
@@ -235,6 +240,8 @@ impl Program {
         if let Some(reading) = board.reading(node.parameters.is_on(Parameter::TempRef), next) {
             node.read_input(reading, next);
         }
+        let pulses = board.shaft_pulses(node.counts_pulses());
+        node.read_shaft(pulses, now_ms, monitor);
         if node.has_run_a_minute() {
             board.forget_restarts();
         }

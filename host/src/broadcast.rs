@@ -214,6 +214,48 @@ pub fn hardpoint_text(command: u16) -> String {
     }
 }
 
+/// dronecan.sensors.rpm.RPM: sensor u8 | flags u16 (1: not healthy) | revolutions a minute f32.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rpm {
+    pub sensor: u8,
+    pub flags: u16,
+    pub rpm: f32,
+}
+
+impl Rpm {
+    /// Flag: the sensor is not healthy.
+    pub const UNHEALTHY: u16 = 1;
+
+    /// `None` unless the payload has seven bytes.
+    pub fn decode(payload: &[u8]) -> Option<Rpm> {
+        let &[sensor, f0, f1, r0, r1, r2, r3] = payload else {
+            return None;
+        };
+        Some(Rpm {
+            sensor,
+            flags: u16::from_le_bytes([f0, f1]),
+            rpm: f32::from_le_bytes([r0, r1, r2, r3]),
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        [&[self.sensor][..], &self.flags.to_le_bytes(), &self.rpm.to_le_bytes()].concat()
+    }
+}
+
+/// Speeds below 100 have a decimal place.
+impl fmt::Display for Rpm {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let decimals = usize::from(self.rpm != 0.0 && self.rpm.abs() < 100.0);
+        write!(f, "{} {:.decimals$} rpm", self.sensor, self.rpm)?;
+        if self.flags & Rpm::UNHEALTHY != 0 {
+            write!(f, " UNHEALTHY")?;
+        }
+        Ok(())
+    }
+}
+
 /// dronecan.protocol.CanStats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct CanStats {

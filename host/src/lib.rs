@@ -40,7 +40,7 @@ mod tests;
 
 pub use battery::BatteryInfo;
 pub use broadcast::{
-    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, LogMessage,
+    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, LogMessage, Rpm,
 };
 pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Decoded, Dialect, Observation, Observer};

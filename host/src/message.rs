@@ -4,7 +4,7 @@
 
 use super::battery::BatteryInfo;
 use super::broadcast::{
-    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, LogMessage,
+    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, LogMessage, Rpm,
     hardpoint_text,
 };
 use super::esc;
@@ -241,6 +241,7 @@ pub enum Message {
     /// The hardpoint, and 0 to release it or another number to hold.
     HardpointCommand(u8, u16),
     HardpointStatus(HardpointStatus),
+    Rpm(Rpm),
     /// For each motor -8192 to 8191.
     RawCommand(Vec<i16>),
     LightsCommand(Vec<LightCommand>),
@@ -328,6 +329,7 @@ impl Message {
             types::HARDPOINT_STATUS => {
                 HardpointStatus::decode(payload).map(Message::HardpointStatus)
             }
+            types::RPM => Rpm::decode(payload).map(Message::Rpm),
             types::RAW_COMMAND => esc::decode_commands(payload).map(Message::RawCommand),
             types::LIGHTS_COMMAND => {
                 LightCommand::decode_array(payload).map(Message::LightsCommand)
@@ -399,6 +401,7 @@ impl Message {
                 (&types::HARDPOINT_COMMAND, vec![*hardpoint, low, high])
             }
             Message::HardpointStatus(status) => (&types::HARDPOINT_STATUS, status.encode()),
+            Message::Rpm(rpm) => (&types::RPM, rpm.encode()),
             Message::RawCommand(commands) => (&types::RAW_COMMAND, esc::encode_commands(commands)),
             Message::LightsCommand(commands) => {
                 (&types::LIGHTS_COMMAND, LightCommand::encode_array(commands))
@@ -496,6 +499,7 @@ impl fmt::Display for Message {
                 write!(f, " {hardpoint} {}", hardpoint_text(*command))
             }
             Message::HardpointStatus(status) => write!(f, " {status}"),
+            Message::Rpm(rpm) => write!(f, " {rpm}"),
             Message::RawCommand(commands) => list(f, commands),
             Message::LightsCommand(commands) => list(f, commands),
             Message::ArmingStatus(0) => write!(f, " disarmed"),

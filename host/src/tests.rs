@@ -230,6 +230,15 @@ fn hardpoints_equal_pydronecan() {
 }
 
 #[test]
+fn revolutions_equal_pydronecan() {
+    let rpm = |sensor, flags, rpm| Message::Rpm(Rpm { sensor, flags, rpm });
+    both_ways("18041578 03 00 00 00 80 BB 45 C2", rpm(3, 0, 6000.0), "rpm.RPM 3 6000 rpm");
+    both_ways("18041578 FF 00 00 00 60 6A 47 C0", rpm(255, 0, 60_000.0), "rpm.RPM 255 60000 rpm");
+    both_ways("18041578 00 01 00 00 00 00 00 C5", rpm(0, 1, 0.0), "rpm.RPM 0 0 rpm UNHEALTHY");
+    both_ways("18041578 00 00 00 00 00 77 42 C5", rpm(0, 0, 61.75), "rpm.RPM 0 61.8 rpm");
+}
+
+#[test]
 fn raw_commands_equal_pydronecan() {
     let raw = |commands: &[i16]| Message::RawCommand(commands.to_vec());
     both_ways("00040601 C4", raw(&[]), "esc.RawCommand (empty)");

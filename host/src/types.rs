@@ -88,6 +88,7 @@ pub const LIGHTS_COMMAND: DataType =
     message(1081, "LightsCommand", 0x2031_D93C_8BDD_1EC4, list(0, 24, 20));
 pub const CIRCUIT_STATUS: DataType =
     message(1091, "CircuitStatus", 0x8313_D33D_0DDD_A115, fixed(56));
+pub const RPM: DataType = message(1045, "rpm.RPM", 0x1407_07C0_9274_F6E7, fixed(56));
 pub const HARDPOINT_COMMAND: DataType =
     message(1070, "hardpoint.Command", 0xA1A0_3626_8B0C_3455, fixed(24));
 pub const HARDPOINT_STATUS: DataType =
@@ -174,7 +175,7 @@ pub const KNOWN: &[DataType] = &[
     message(1034, "esc.Status", 0xA9AF_28AE_A2FB_B254, fixed(110)),
     message(1036, "esc.StatusExtended", 0x02DC_203C_5096_0EDC, fixed(56)),
     message(1044, "camera_gimbal.Status", 0xB9F1_2786_5BE0_D61E, list(80, 16, 9)),
-    message(1045, "rpm.RPM", 0x1407_07C0_9274_F6E7, fixed(56)),
+    RPM,
     message(1050, "range_sensor.Measurement", 0x68FF_FE70_FC77_1952, fixed(120)),
     message(1060, "gnss.Fix", 0x54C1_572B_9E07_F297, list(336, 16, 9)),
     message(1061, "gnss.Auxiliary", 0x9BE8_BDC4_C3DB_BFD2, fixed(125)),

@@ -81,6 +81,7 @@ pub fn elf() -> PathBuf {
         "thesis" => firmware("thesis"),
         // No preset has these features.
         "relay" => firmware_for("uno", "seeed", "relay"),
+        "rpm" => firmware_for("uno", "seeed", "rpm"),
         "tunnel" => firmware_for("uno", "seeed", "tunnel"),
         // The ATmega168 has no room for these features.
         "allocation" | "battery" | "lights" | "motors" | "outputs" | "power" | "safety"

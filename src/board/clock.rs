@@ -13,7 +13,7 @@ pub const TOP: u8 = {
 };
 
 /// Milliseconds, modulo 256. One byte, so that the main loop can read it with interrupts enabled.
-static mut TICKS: u8 = 0;
+pub(super) static mut TICKS: u8 = 0;
 
 interrupt!(TIMER0_COMPA {
     // Safety: the pointer is to a static. Only this handler writes it, and interrupts are disabled

@@ -33,6 +33,11 @@ label! {
     "outputs" "NODE_OUTPUTS",
 }
 
+#[cfg(feature = "rpm")]
+label! {
+    "rpm" "NODE_RPM",
+}
+
 #[cfg(feature = "power")]
 label! {
     "power" "NODE_POWER",

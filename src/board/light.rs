@@ -7,7 +7,7 @@ use super::chip::TC2;
 
 const _: () = assert!(
     firmware::hardware::LIGHT.is_some(),
-    "INT on D3 takes the light's pin: leave out the feature lights"
+    "INT on D3, or the feature rpm, takes the light's pin: leave out the feature lights"
 );
 
 /// The light.

@@ -13,6 +13,7 @@
 //! | servo | D10, or D9 if CS is on D10 | OC1B or OC1A | Timer1. D10 is also the SPI's SS, which must be an output so that the SPI stays master |
 //! | MOSI, MISO, SCK | D11, D12, D13 | PB3, PB4, PB5 | SPI at 8 MHz, mode 0,0 |
 //! | light | D3, unless INT is there | PD3, OC2B | Timer2 |
+//! | shaft | D3, or D2 if INT is on D3 | INT1 or INT0 | input with pull-up, with the feature `rpm`, in place of the light |
 //! | button | D4 | PD4 | input with pull-up, low while pressed |
 //! | temperature | A0 | ADC0 | LM35, against AVCC or the bandgap |
 //! | serial monitor | D0, D1 | RXD, TXD | 115200 baud 8N1 |
@@ -62,6 +63,11 @@ mod outputs;
 #[cfg(not(feature = "outputs"))]
 #[path = "servo.rs"]
 mod outputs;
+#[cfg(feature = "rpm")]
+mod shaft;
+#[cfg(not(feature = "rpm"))]
+#[path = "absent/shaft.rs"]
+mod shaft;
 
 /// The registers of the chip.
 #[cfg(chip = "atmega168")]
@@ -71,7 +77,7 @@ use avr_device::atmega328p as chip;
 
 use chip::CPU;
 use firmware::handover::REQUEST_LEN;
-use firmware::hardware::{Input, OUTPUTS};
+use firmware::hardware::{Input, OUTPUTS, ShaftPulses};
 use firmware::node::acceptance::NodeAcceptance;
 use firmware::node::condition::ResetCause;
 use firmware::node::parameters::Parameters;
@@ -89,6 +95,7 @@ use light::Light;
 use outputs::Outputs;
 use pins::Pins;
 use serial::Serial;
+use shaft::Shaft;
 
 /// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on
 /// it.
@@ -103,6 +110,7 @@ pub struct Arduino {
     adc: Adc,
     light: Light,
     button: Button,
+    shaft: Shaft,
     eeprom: Eeprom,
     /// A source of random bits, until [`guard::start`] starts the watchdog.
     jitter: Jitter,
@@ -133,6 +141,7 @@ impl Arduino {
             adc: Adc::new(peripheral!(ADC)),
             light: Light::new(peripheral!(TC2)),
             button: Button::new(pins.button),
+            shaft: Shaft::new(peripheral!(TC2)),
             eeprom: Eeprom::new(peripheral!(EEPROM)),
             jitter: Jitter::new(peripheral!(WDT)),
             cpu: peripheral!(CPU),
@@ -222,6 +231,9 @@ impl Board for Arduino {
     }
     fn is_button_pressed(&self) -> bool {
         self.button.is_pressed()
+    }
+    fn shaft_pulses(&mut self, is_on: bool) -> ShaftPulses {
+        self.shaft.pulses(is_on)
     }
     fn set_light(&mut self, brightness: u8) {
         self.light.set(brightness);

@@ -6,7 +6,7 @@
 use core::convert::Infallible;
 
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
-use firmware::hardware::{BUTTON, CAN_INTERRUPT, CAN_SELECT, LIGHT, Pin, SERVO};
+use firmware::hardware::{BUTTON, CAN_INTERRUPT, CAN_SELECT, LIGHT, Pin, SERVO, SHAFT};
 
 use super::chip::{PORTB, PORTC, PORTD};
 
@@ -32,7 +32,8 @@ const OUTPUTS: [Option<Pin>; 7] =
     [Some(CAN_SELECT), Some(SERVO), Some(SS), Some(MOSI), Some(SCK), Some(TXD), LIGHT];
 /// Outputs that start high, and inputs with a pull-up. The pull-up of INT keeps it high without a
 /// CAN board. The button's is on even without the feature `button`.
-const HIGH: [Option<Pin>; 4] = [Some(CAN_SELECT), Some(TXD), Some(CAN_INTERRUPT), Some(BUTTON)];
+const HIGH: [Option<Pin>; 5] =
+    [Some(CAN_SELECT), Some(TXD), Some(CAN_INTERRUPT), Some(BUTTON), SHAFT];
 
 /// The bits of a port among `pins`.
 const fn mask(pins: &[Option<Pin>], port: u8) -> u8 {

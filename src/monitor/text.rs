@@ -302,6 +302,10 @@ lines! {
         /// The voltage or the current leaves its range.
         PowerOutOfRange = "voltage or current out of range",
     }
+    begins if feature = "rpm" {
+        /// There are more pulses of the shaft than the node counts.
+        TooManyPulses = "rpm: too many pulses",
+    }
     ends if all() {
         /// The CAN controller is error-active again.
         ErrorActive = "CAN: error-active",
@@ -321,6 +325,10 @@ lines! {
     ends if feature = "power" {
         /// The voltage and the current are in their ranges again.
         PowerOutOfRangeEnd = "voltage and current in range",
+    }
+    ends if feature = "rpm" {
+        /// The pulses of the shaft can be counted again.
+        TooManyPulsesEnd = "rpm: pulses counted again",
     }
     words(RESET = PowerOn) if all() {
         /// Reset cause.

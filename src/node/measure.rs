@@ -1,8 +1,11 @@
-//! The readings of the ADC, on their way to the parts that compute from them.
+//! The readings of the ADC and the pulses of the shaft, on their way to the parts that compute from
+//! them.
 
 use super::Node;
 use super::chores::Chore;
-use crate::hardware::Input;
+use super::parameters::Parameter;
+use crate::hardware::{Input, ShaftPulses};
+use crate::monitor::Monitor;
 
 impl Node {
     /// The input of the ADC for the next reading.
@@ -29,5 +32,15 @@ impl Node {
         self.power.measure(&self.parameters);
         let centiamperes = if was_measured { self.power.centiamperes() } else { 0 };
         self.battery.add(centiamperes, now_ms);
+    }
+
+    /// True if the board should count the pulses of the shaft.
+    pub fn counts_pulses(&self) -> bool {
+        self.parameters.is_on(Parameter::RpmRate)
+    }
+
+    /// Takes the pulses of the shaft since the last call. Call it each millisecond.
+    pub fn read_shaft(&mut self, pulses: ShaftPulses, now_ms: u16, monitor: &mut Monitor) {
+        self.shaft.tick(pulses, now_ms, &self.parameters, monitor);
     }
 }

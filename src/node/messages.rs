@@ -254,6 +254,14 @@ impl Node {
         power.is_known()
     }
 
+    #[inline(never)]
+    pub(super) fn put_rpm(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
+        let Self { shaft, parameters, outgoing, .. } = self;
+        outgoing.put8(parameters.get(Parameter::RpmId) as u8);
+        shaft.put(parameters.get(Parameter::RpmPulses) as u8, now_ms, |word| outgoing.put16(word));
+        true
+    }
+
     #[inline(always)]
     pub(super) fn put_allocation(&mut self, _: &impl CanCounters, now_ms: u16) -> bool {
         self.allocation.request(&self.unique_id, now_ms, |byte| self.outgoing.put8(byte));

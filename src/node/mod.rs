@@ -53,6 +53,7 @@ use crate::parts::log::Log;
 use crate::parts::outputs::travel::Ticks;
 use crate::parts::outputs::{Outputs, Pulses};
 use crate::parts::power::Power;
+use crate::parts::rpm::Shaft;
 use crate::parts::stats::Stats;
 use crate::parts::tunnel::Tunnel;
 use crate::parts::update::Update;
@@ -116,6 +117,7 @@ pub struct Node {
     lights: Lights,
     measurements: dialect::Measurements,
     power: Power,
+    shaft: Shaft,
     stats: Stats,
     tunnel: Tunnel,
     log: Log,
@@ -149,6 +151,7 @@ impl Node {
             lights: Lights::new(),
             measurements: dialect::Measurements::new(),
             power: Power::new(),
+            shaft: Shaft::new(),
             stats: Stats::new(),
             tunnel: Tunnel::new(),
             log: Log::new(),

@@ -185,6 +185,14 @@ parameters! {
         /// 1 if the temperature sensor is at the battery.
         BattTemp "BATT_TEMP" 0..1 = 0,
     }
+    if feature = "rpm" {
+        /// Rate of sensors.rpm.RPM, in messages a second; 0 does not count pulses.
+        RpmRate "RPM_RATE" 0..50 = 0,
+        /// The ID of the sensor.
+        RpmId "RPM_ID" 0..255 = 0,
+        /// Pulses in a revolution of the shaft.
+        RpmPulses "RPM_PULSES" 1..255 = 1,
+    }
 }
 
 /// The longest pulse, in microseconds. Between the end of a pulse and the pulse of the next output

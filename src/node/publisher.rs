@@ -206,6 +206,10 @@ publications! {
         /// uavcan.equipment.power.BatteryInfo
         BatteryInfo = types::BATTERY_INFO, long, 23, Rate(Parameter::BattRate) => put_battery_info;
     }
+    if feature = "rpm" {
+        /// dronecan.sensors.rpm.RPM
+        Rpm = types::RPM, short, 7, Rate(Parameter::RpmRate) => put_rpm;
+    }
     if feature = "allocation" {
         /// uavcan.protocol.dynamic_node_id.Allocation
         Allocation = types::ALLOCATION, short, 7, Event => put_allocation;

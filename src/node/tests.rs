@@ -17,6 +17,8 @@ mod manage;
 mod outputs;
 #[cfg(feature = "relay")]
 mod relays;
+#[cfg(feature = "rpm")]
+mod rpm;
 
 impl Memory {
     /// An EEPROM with these parameters saved.

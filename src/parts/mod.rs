@@ -42,6 +42,9 @@ pub mod power;
 #[cfg_attr(not(feature = "relay"), path = "absent/relays.rs")]
 pub mod relays;
 
+#[cfg_attr(not(feature = "rpm"), path = "absent/rpm.rs")]
+pub mod rpm;
+
 #[cfg_attr(not(feature = "safety"), path = "absent/safety.rs")]
 pub mod safety;
 

@@ -56,6 +56,10 @@ def parameter(name="", *numbers):
     return response
 
 
+def rpm(sensor_id, speed, flags=0):
+    return dronecan.dronecan.sensors.rpm.RPM(sensor_id=sensor_id, flags=flags, rpm=speed)
+
+
 def lights(*all_lights):
     message = uavcan.equipment.indication.LightsCommand()
     for light_id, red, green, blue in all_lights:
@@ -276,6 +280,23 @@ CASES = {
         24,
         2,
         "18042F78 05 C0 48 00 34 00 00 C2",
+    ),
+    "RPM of 6,000": (lambda: rpm(3, 6000), 120, 24, 2, "18041578 03 00 00 00 80 BB 45 C2"),
+    "RPM of 60,000": (lambda: rpm(255, 60_000), 120, 24, 0, "18041578 FF 00 00 00 60 6A 47 C0"),
+    "RPM of 61.75": (lambda: rpm(0, 61.75), 120, 24, 5, "18041578 00 00 00 00 00 77 42 C5"),
+    "RPM that is unhealthy": (
+        lambda: rpm(0, 0, dronecan.dronecan.sensors.rpm.RPM().FLAGS_UNHEALTHY),
+        120,
+        24,
+        5,
+        "18041578 00 01 00 00 00 00 00 C5",
+    ),
+    "RPM of a shaft that stands": (
+        lambda: rpm(0, 0),
+        120,
+        24,
+        2,
+        "18041578 00 00 00 00 00 00 00 C2",
     ),
     "RawCommand of none": (raw_command, 1, 0, 4, "00040601 C4"),
     "RawCommand of four": (
@@ -500,6 +521,14 @@ def test_pydronecan_produces_the_quoted_messages(name):
         ("host/src/tests.rs", "hardpoint.Command of a mask", "whole"),
         ("host/src/tests.rs", "hardpoint.Status", "whole"),
         ("src/node/tests/relays.rs", "hardpoint.Command", "whole"),
+        ("host/src/tests.rs", "RPM of 6,000", "whole"),
+        ("host/src/tests.rs", "RPM of 60,000", "whole"),
+        ("host/src/tests.rs", "RPM of 61.75", "whole"),
+        ("host/src/tests.rs", "RPM that is unhealthy", "whole"),
+        ("src/node/tests/rpm.rs", "RPM of 6,000", "whole"),
+        ("src/node/tests/rpm.rs", "RPM of 60,000", "whole"),
+        ("src/node/tests/rpm.rs", "RPM that is unhealthy", "whole"),
+        ("src/node/tests/rpm.rs", "RPM of a shaft that stands", "whole"),
         ("host/src/tests.rs", "RawCommand of none", "whole"),
         ("host/src/tests.rs", "RawCommand of four", "whole"),
         ("host/src/tests.rs", "RawCommand of eight", "whole"),

@@ -13,6 +13,7 @@
 //! | circuit     | A4, A5   | PC4, PC5     | voltage and current; 0 V until they are set        |
 //! | light       | D3       | PD3 (OC2B)   |                                                    |
 //! | button      | D4       | PD4          | closes to ground                                   |
+//! | shaft       | D3       | PD3 (INT1)   | in place of the light; stands still until it is set |
 //! | serial      | D0, D1   | PD0, PD1     | through [`Avr`]                                    |
 //!
 //! The MCP2515's RESET pin is not wired: a reset of the AVR does not reset the MCP2515. At power-on
@@ -31,6 +32,7 @@ use anyhow::{Context, Result};
 use crate::avr::{Oc, Processor, Pulse, PulseMeter, ResetCause, State};
 use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
+use crate::shaft::Shaft;
 use crate::wiring::{Pin, Wiring};
 use crate::{Cycles, StandardProcessor};
 use wires::{SpiEnd, Wires};
@@ -53,6 +55,7 @@ pub struct Board<P = StandardProcessor> {
     servo_pulses: Vec<Pulse>,
     servo_level: bool,
     outputs: Vec<SwitchedOutput>,
+    shaft: Shaft,
 }
 
 /// A servo on a pin that the program switches in software.
@@ -118,6 +121,7 @@ impl<P: Processor> Board<P> {
             servo_pulses: Vec::new(),
             servo_level: false,
             outputs,
+            shaft: Shaft::default(),
         };
         board.set_temperature_c(20.0);
         board.set_circuit_millivolts(0, 0);
@@ -156,6 +160,16 @@ impl<P: Processor> Board<P> {
 
     /// Runs the firmware until `t`.
     pub fn run_until(&mut self, t: Cycles) -> State {
+        while let Some(at) = self.shaft.next_edge().filter(|&at| at < t) {
+            self.avr.run_until(at);
+            if self.avr.is_halted() {
+                break;
+            }
+            let level = self.shaft.pass_edge();
+            if let Some(pin) = self.wiring.rpm {
+                self.avr.drive_pin(pin.port(), pin.bit(), level);
+            }
+        }
         self.avr.run_until(t)
     }
 
@@ -263,6 +277,12 @@ impl<P: Processor> Board<P> {
     /// noise. Equal seeds give equal noise.
     pub fn set_sensor_noise_millivolts(&mut self, amplitude: u32, seed: u64) {
         self.avr.set_analog_noise_uv(amplitude * 1000, seed);
+    }
+
+    /// Sets the time from one pulse of the shaft to the next; 0 stops the shaft. Has no effect on a
+    /// board whose program counts no pulses.
+    pub fn set_pulse_period(&mut self, period: Cycles) {
+        self.shaft.set_period(period, self.avr.now());
     }
 
     /// Presses or releases the button, if the board has one.

@@ -16,6 +16,7 @@ pub mod fault;
 pub mod firmware;
 pub mod inject;
 pub mod lm35;
+pub mod shaft;
 pub mod vendor_code;
 pub mod wiring;
 

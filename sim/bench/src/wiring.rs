@@ -116,6 +116,8 @@ pub struct Wiring {
     pub sensor: Pin,
     /// `None` if the program does not measure a circuit.
     pub power: Option<PowerPins>,
+    /// Pulses of a shaft; `None` if the program does not count them.
+    pub rpm: Option<Pin>,
 }
 
 /// The table's default board with the default CAN board.
@@ -151,6 +153,7 @@ impl Wiring {
             button: Some(pin("button")?),
             sensor: pin("sensor")?,
             power: None,
+            rpm: None,
         };
         wiring.set_shield(shield)?;
         wiring.power = Some(wiring.free_power_pins());
@@ -210,6 +213,7 @@ impl Wiring {
             power: value("power")
                 .map(|text| power_pins(text).map_err(|error| wrong("power", error)))
                 .transpose()?,
+            rpm: optional("rpm")?,
         };
         wiring.check().context("the section .board")?;
         Ok(wiring)
@@ -232,7 +236,8 @@ impl Wiring {
             self.sensor
         );
         let taken = TAKEN.map(|(pin, signal)| (pin.parse::<Pin>().expect("a pin"), signal));
-        let optional = [(self.light, "the light"), (self.button, "the button")];
+        let optional =
+            [(self.light, "the light"), (self.button, "the button"), (self.rpm, "the shaft")];
         let signals = [
             (self.cs, "CS"),
             (self.int, "INT"),
@@ -301,6 +306,7 @@ impl Wiring {
     fn make_free(&mut self, pin: Pin) {
         self.light = self.light.filter(|light| *light != pin);
         self.button = self.button.filter(|button| *button != pin);
+        self.rpm = self.rpm.filter(|shaft| *shaft != pin);
         self.power = self.power.map(|_| self.free_power_pins());
     }
 
@@ -376,7 +382,7 @@ impl fmt::Display for Wiring {
         write!(f, "servo {}", self.servo)?;
         self.outputs.iter().try_for_each(|output| write!(f, " {output}"))?;
         write!(f, ", sensor {}", self.sensor)?;
-        let optional = [("light", self.light), ("button", self.button)];
+        let optional = [("light", self.light), ("button", self.button), ("rpm", self.rpm)];
         optional
             .into_iter()
             .filter_map(|(signal, pin)| Some((signal, pin?)))
@@ -534,6 +540,17 @@ mod tests {
     }
 
     #[test]
+    fn a_shaft_takes_the_pin_of_the_light_and_gives_way_to_int() {
+        let text = UNO.replace("light=D3\n", "rpm=D3\n");
+        let mut wiring = Wiring::parse(text.as_bytes()).unwrap();
+        assert_eq!((wiring.light, wiring.rpm), (None, Some(pin("D3"))));
+        assert!(wiring.to_string().contains(", rpm D3"), "{wiring}");
+        wiring.set_int(pin("D3"));
+        assert_eq!(wiring.rpm, None);
+        assert_eq!(Wiring::of("uno", "seeed").unwrap().rpm, None);
+    }
+
+    #[test]
     fn the_circuit_gets_the_first_two_of_its_pins_that_cs_and_int_leave_free() {
         let mut wiring = Wiring::of("uno", "seeed").unwrap();
         for (cs, voltage, current) in
@@ -567,6 +584,8 @@ mod tests {
             ("power=A4,A5", "power=A4,A9", "power: there is no pin \"A9\""),
             ("power=A4,A5", "power=D5,A5", "the voltage is on D5: use A0 to A5"),
             ("power=A4,A5", "power=A5,A0", "the current is on A0, which is the sensor's"),
+            ("power=A4,A5", "rpm=D3", "the shaft is on D3, which is the light's"),
+            ("power=A4,A5", "rpm=X3", "rpm: there is no pin \"X3\""),
             (
                 "power=A4,A5",
                 "outputs=A4\npower=A4,A5",

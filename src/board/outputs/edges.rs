@@ -6,7 +6,7 @@ use core::arch::global_asm;
 use super::super::chip::{TC0, TC1};
 use super::super::clock::TOP as TIMER0_TOP;
 use super::super::timer1::{self, TICKS};
-use firmware::hardware::{OUTPUTS, SLOT_US};
+use firmware::hardware::{OUTPUTS, SHAFT, SLOT_US};
 use firmware::parts::outputs::travel::Ticks;
 
 /// Ticks of Timer1 in a tick of Timer0.
@@ -18,7 +18,7 @@ pub(super) const TIMER0_PERIOD: u8 = TIMER0_TOP + 1;
 pub(super) const SLOT: Ticks = (SLOT_US * (TICKS / 1_000_000)) as Ticks;
 
 /// The interrupt comes at least this number of ticks before an edge. See the module.
-pub(super) const LEAD: Ticks = 15;
+pub(super) const LEAD: Ticks = if SHAFT.is_some() { 21 } else { 15 };
 
 /// The handler takes an edge that is less than this number of ticks ahead. An edge that is farther
 /// ahead is for a later round of Timer0.

@@ -139,6 +139,7 @@ fn what_the_node_sends_has_the_ids_of_the_dsdl() {
         (Publication::CircuitStatus, 1091),
         (Publication::HardpointStatus, 1071),
         (Publication::BatteryInfo, 1092),
+        (Publication::Rpm, 1045),
         (Publication::Allocation, 1),
     ]
     .into_iter()
