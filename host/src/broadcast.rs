@@ -242,13 +242,17 @@ impl Rpm {
     pub fn encode(&self) -> Vec<u8> {
         [&[self.sensor][..], &self.flags.to_le_bytes(), &self.rpm.to_le_bytes()].concat()
     }
+
+    /// The speed without a unit. Speeds below 100 have a decimal place.
+    pub fn speed_text(&self) -> String {
+        let decimals = usize::from(self.rpm != 0.0 && self.rpm.abs() < 100.0);
+        format!("{:.decimals$}", self.rpm)
+    }
 }
 
-/// Speeds below 100 have a decimal place.
 impl fmt::Display for Rpm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let decimals = usize::from(self.rpm != 0.0 && self.rpm.abs() < 100.0);
-        write!(f, "{} {:.decimals$} rpm", self.sensor, self.rpm)?;
+        write!(f, "{} {} rpm", self.sensor, self.speed_text())?;
         if self.flags & Rpm::UNHEALTHY != 0 {
             write!(f, " UNHEALTHY")?;
         }

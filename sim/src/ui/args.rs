@@ -242,6 +242,12 @@ pub struct Args {
     #[arg(long, value_name = "MINUTES", value_parser = minutes, requires = "pwr_voltage")]
     pub pwr_discharge: Option<f64>,
 
+    /// Speed of the shaft whose sensor gives a pulse a turn, in revolutions a minute, 0 to 10000000
+    /// (6000000 is noise of 100 kHz); keys u and U change it
+    /// [default: 0]
+    #[arg(long, value_name = "RPM", value_parser = rpm, allow_hyphen_values = true)]
+    pub rpm: Option<u32>,
+
     /// Cause a fault at a simulated time, for example chip-reset@2s (repeatable; --help lists the
     /// names)
     #[arg(long, value_name = "NAME@TIME")]
@@ -331,6 +337,18 @@ impl Args {
             );
         }
         Ok(options.map(|(_, option)| option.unwrap_or(0)))
+    }
+
+    /// Revolutions a minute of the shaft.
+    ///
+    /// # Errors
+    /// If there is such an option, but the program of this board counts no pulses.
+    pub fn shaft_rpm(&self, wiring: &Wiring) -> Result<u32> {
+        ensure!(
+            self.rpm.is_none() || wiring.rpm.is_some(),
+            "--rpm: this program has no input for a shaft: build it with FEATURES=rpm"
+        );
+        Ok(self.rpm.unwrap_or(0))
     }
 
     /// Settings of the autopilot; `None` for a bench without one.
@@ -503,6 +521,16 @@ fn minutes(text: &str) -> Result<f64, String> {
     }
 }
 
+/// The highest speed of the shaft, in revolutions a minute.
+pub const RPM_MAX: u32 = 10_000_000;
+
+fn rpm(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(rpm @ 0..=RPM_MAX) => Ok(rpm),
+        _ => Err(format!("use revolutions a minute from 0 to {RPM_MAX}")),
+    }
+}
+
 fn deflection(text: &str) -> Result<f64, String> {
     match text.parse() {
         Ok(deflection @ -1.0..=1.0) => Ok(deflection),
@@ -588,6 +616,9 @@ mod tests {
             ("sim --pwr-current -1", "0 to 5000"),
             ("sim --pwr-voltage 1000 --pwr-discharge x", "minutes from 0"),
             ("sim --pwr-discharge 5", "--pwr-voltage <MV>"),
+            ("sim --rpm -1", "0 to 10000000"),
+            ("sim --rpm 10000001", "0 to 10000000"),
+            ("sim --rpm 60.5", "0 to 10000000"),
             ("sim --actuator -1", "0 to 255"),
             ("sim --actuator every", "or all"),
             ("sim --motors 0", "1 to 20"),
@@ -654,6 +685,18 @@ mod tests {
             error,
             "--bit-rate 1000000: an MCP2515 with a crystal of 8 MHz does at most 500000 bit/s"
         );
+    }
+
+    #[test]
+    fn the_shaft_turns_if_the_program_counts_its_pulses() {
+        let mut wiring = Wiring::default();
+        let rpm = |line, wiring: &Wiring| parse(line).unwrap().shaft_rpm(wiring);
+        assert_eq!(rpm("sim", &wiring).unwrap(), 0);
+        let error = rpm("sim --rpm 0", &wiring).unwrap_err().to_string();
+        assert!(error.ends_with("build it with FEATURES=rpm"), "{error}");
+        wiring.rpm = wiring.light.take();
+        assert_eq!(rpm("sim", &wiring).unwrap(), 0);
+        assert_eq!(rpm("sim --rpm 10000000", &wiring).unwrap(), 10_000_000);
     }
 
     #[test]

@@ -21,6 +21,8 @@ pub enum Action {
     ToggleSweep,
     /// Changes the temperature at the sensor by this many degrees Celsius.
     Warm(i8),
+    /// Changes the speed of the shaft by this many steps.
+    Spin(i8),
     /// Begins a fault, or ends it if it lasts and is on.
     Inject(Fault),
     /// Ends a fault if it is on.
@@ -58,6 +60,7 @@ pub const HELP: &[(&str, &str)] = &[
     ("s", "sweep the servo, or hold it"),
     ("v", "command type: unitless, position, PWM, thesis"),
     ("t T", "temperature at the sensor down, up"),
+    ("u U", "speed of the shaft down, up"),
     ("c", "pull the node's bus cable, or plug it"),
     ("a", "stop the autopilot's messages, or send them again"),
     ("d", "disarm the vehicle, or arm it"),
@@ -120,6 +123,8 @@ pub fn action(key: KeyEvent, popup: Option<Popup>) -> Option<Action> {
         KeyCode::Char('s') => Action::ToggleSweep,
         KeyCode::Char('t') => Action::Warm(-1),
         KeyCode::Char('T') => Action::Warm(1),
+        KeyCode::Char('u') => Action::Spin(-1),
+        KeyCode::Char('U') => Action::Spin(1),
         KeyCode::Char('c') => Action::Inject(Fault::Cable),
         KeyCode::Char('a') => Action::Inject(Fault::Silence),
         KeyCode::Char('d') => Action::Inject(Fault::Disarm),
@@ -180,6 +185,8 @@ mod tests {
             (KeyCode::Char('s'), Action::ToggleSweep),
             (KeyCode::Char('t'), Action::Warm(-1)),
             (KeyCode::Char('T'), Action::Warm(1)),
+            (KeyCode::Char('u'), Action::Spin(-1)),
+            (KeyCode::Char('U'), Action::Spin(1)),
             (KeyCode::Char('c'), Action::Inject(Fault::Cable)),
             (KeyCode::Char('a'), Action::Inject(Fault::Silence)),
             (KeyCode::Char('o'), Action::Inject(Fault::OtherDialect)),

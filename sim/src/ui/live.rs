@@ -16,7 +16,7 @@ use bench::Cycles;
 use bench::budget::Budget;
 use bench::can::ErrorState;
 use bench::dronecan::broadcast::hardpoint_text;
-use bench::dronecan::{Dialect, Health};
+use bench::dronecan::{Dialect, Health, Rpm};
 use bench::thousands;
 use bench::vendor_code;
 use bench::wiring::Wiring;
@@ -71,12 +71,16 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         return 0;
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
-    // Only some programs measure a circuit or a battery, or have relays.
-    let circuit_rows =
-        [state.circuit.is_some(), state.battery.is_some(), !state.hardpoints.is_empty()]
-            .into_iter()
-            .map(u16::from)
-            .sum::<u16>();
+    // Only some programs measure a circuit or a battery, have relays, or count pulses.
+    let circuit_rows = [
+        state.circuit.is_some(),
+        state.battery.is_some(),
+        !state.hardpoints.is_empty(),
+        state.wiring.rpm.is_some(),
+    ]
+    .into_iter()
+    .map(u16::from)
+    .sum::<u16>();
     let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + circuit_rows + BUS_ROWS };
     let columns = usize::from(area.width);
     let mut note_lines = output_lines(state, columns);
@@ -337,6 +341,18 @@ fn hardpoint_line(state: &State) -> Option<Line<'static>> {
     (!texts.is_empty()).then(|| Line::from(format!("hardpoint {}", texts.join(", "))))
 }
 
+/// The speed of the shaft, and the last one that the node sent; `None` for a program that counts no
+/// pulses.
+fn shaft_line(state: &State) -> Option<Line<'static>> {
+    let pin = state.wiring.rpm?;
+    let sent = match state.rpm {
+        Some(rpm) if rpm.flags & Rpm::UNHEALTHY != 0 => Span::styled("node UNHEALTHY", BAD),
+        Some(rpm) => Span::from(format!("node {} rpm", rpm.speed_text())),
+        None => Span::from("node sends none (RPM_RATE)"),
+    };
+    Some(Line::from(vec![Span::from(format!("shaft ({pin}) {} rpm  ", state.shaft_rpm)), sent]))
+}
+
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
     let Wiring { servo, sensor, .. } = &state.wiring;
     let name = if state.output_widths().is_empty() { "Servo" } else { "OUT1" };
@@ -515,6 +531,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
     lines.extend(circuit_line(state));
     lines.extend(battery_line(state));
     lines.extend(hardpoint_line(state));
+    lines.extend(shaft_line(state));
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }

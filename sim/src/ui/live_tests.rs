@@ -5,7 +5,7 @@ use crate::ui::keys::Popup;
 use crate::ui::state::{AutopilotState, Event, Memory, battery_info};
 use bench::avr::Chip;
 use bench::can::{self, Record, RecordKind};
-use bench::dronecan::CircuitStatus;
+use bench::dronecan::{CircuitStatus, Rpm};
 use half::f16;
 use ratatui::Terminal;
 use ratatui::backend::TestBackend;
@@ -496,6 +496,23 @@ fn the_relays_are_shown_with_what_they_do() {
     for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
         let picture = drawn(&state, &Screen::default(), columns, rows);
         shows(&picture, &["hardpoint 5 release, 6 hold", "flash 9,876"]);
+    }
+}
+
+#[test]
+fn the_shaft_is_shown_with_the_speed_that_the_node_sends() {
+    let mut state = at_work();
+    state.wiring.rpm = state.wiring.light.take();
+    state.shaft_rpm = 6000;
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
+        let mut shown = |rpm: Option<Rpm>, text: &str| {
+            state.rpm = rpm;
+            let picture = drawn(&state, &Screen::default(), columns, rows);
+            shows(&picture, &[&format!("shaft (D3) 6000 rpm  node {text}"), "flash 9,876"]);
+        };
+        shown(None, "sends none");
+        shown(Some(Rpm { sensor: 0, flags: 0, rpm: 5999.8 }), "6000 rpm");
+        shown(Some(Rpm { sensor: 0, flags: 1, rpm: 0.0 }), "UNHEALTHY");
     }
 }
 

@@ -34,11 +34,13 @@ pub struct Plain<W> {
     counts: BTreeMap<(String, String), u32>,
     error_lines: u32,
     lost_lines: u32,
-    /// Pulse width, widths of the further outputs, circuit and battery, as they were printed last.
+    /// Pulse width, widths of the further outputs, circuit, battery and shaft, as they were printed
+    /// last.
     last_pulse: Option<Option<Cycles>>,
     last_outputs: Vec<Option<Cycles>>,
     last_circuit: String,
     last_battery: String,
+    last_shaft: String,
 }
 
 impl<W: Write> Plain<W> {
@@ -56,6 +58,7 @@ impl<W: Write> Plain<W> {
             last_outputs: Vec::new(),
             last_circuit: String::new(),
             last_battery: String::new(),
+            last_shaft: String::new(),
         }
     }
 
@@ -75,6 +78,7 @@ impl<W: Write> Plain<W> {
             self.print_outputs(state)?;
             self.print_circuit(state)?;
             self.print_battery(state)?;
+            self.print_shaft(state)?;
             self.next_servo_at = state.now + SERVO_PERIOD;
         }
         if state.now >= self.next_traffic_at {
@@ -181,6 +185,15 @@ impl<W: Write> Plain<W> {
         }
         self.last_battery = text.clone();
         self.line(state.now, "power", &text)
+    }
+
+    fn print_shaft(&mut self, state: &State) -> io::Result<()> {
+        let text = state.rpm.map_or(String::new(), |rpm| rpm.to_string());
+        if text == self.last_shaft {
+            return Ok(());
+        }
+        self.last_shaft = text.clone();
+        self.line(state.now, "shaft", &text)
     }
 
     fn print_traffic(&mut self, state: &State) -> io::Result<()> {
@@ -311,7 +324,7 @@ mod tests {
     use super::*;
     use bench::avr::Chip;
     use bench::can::Frame;
-    use bench::dronecan::{CircuitStatus, NodeId, NodeStatus};
+    use bench::dronecan::{CircuitStatus, NodeId, NodeStatus, Rpm};
     use half::f16;
 
     /// The lines that a plain view prints of `state`.
@@ -448,6 +461,27 @@ mod tests {
         let expected = [(1, 80), (3, 79)].map(|(second, charge)| {
             format!("{second}.000000 power   battery 3 12.60 V 3.20 A {charge} % 40.0 Wh")
         });
+        assert_eq!(lines, expected);
+    }
+
+    #[test]
+    fn the_revolutions_are_printed_when_they_change() {
+        let mut state = State::new(1_000_000);
+        let mut out = Vec::new();
+        let mut plain = Plain::new(&mut out, false);
+        for (second, flags, rpm) in [(1, 0, 6000.0), (2, 0, 6000.0), (3, 0, 61.75), (4, 1, 0.0)] {
+            state.rpm = Some(Rpm { sensor: 3, flags, rpm });
+            state.advance_to(second * F_CPU_HZ);
+            plain.step(&mut state).unwrap();
+        }
+        let text = String::from_utf8(out).unwrap();
+        let lines: Vec<&str> =
+            text.lines().filter(|line| line.contains("rpm")).map(str::trim).collect();
+        let expected = [
+            "1.000000 shaft   3 6000 rpm",
+            "3.000000 shaft   3 61.8 rpm",
+            "4.000000 shaft   3 0 rpm UNHEALTHY",
+        ];
         assert_eq!(lines, expected);
     }
 

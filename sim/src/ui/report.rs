@@ -141,6 +141,8 @@ pub struct Report {
     circuit: Option<Circuit>,
     /// Last BatteryInfo of the node.
     battery: Option<Battery>,
+    /// Last sensors.rpm.RPM of the node.
+    rpm: Option<Revolutions>,
     spi: Spi,
     budget: Budget,
 }
@@ -219,6 +221,13 @@ struct Battery {
     charge_percent: Option<u8>,
     remaining_wh: Option<f32>,
     status_flags: u16,
+}
+
+#[derive(Debug, Serialize)]
+struct Revolutions {
+    sensor_id: u8,
+    rpm: f32,
+    flags: u16,
 }
 
 #[derive(Debug, Serialize)]
@@ -308,6 +317,11 @@ impl Report {
                 remaining_wh: Some(battery.remaining_wh.to_f32()).filter(|energy| !energy.is_nan()),
                 status_flags: battery.flags,
             }),
+            rpm: state.rpm.map(|rpm| Revolutions {
+                sensor_id: rpm.sensor,
+                rpm: rpm.rpm,
+                flags: rpm.flags,
+            }),
             spi: Spi {
                 selects: state.spi.selects,
                 bytes: state.spi.bytes,
@@ -346,6 +360,7 @@ mod tests {
     use bench::F_CPU_HZ;
     use bench::can::Frame;
     use bench::dronecan::CircuitStatus;
+    use bench::dronecan::Rpm;
     use half::f16;
 
     fn json(state: &State) -> serde_json::Value {
@@ -431,6 +446,15 @@ mod tests {
             "battery_id": 3, "charge_percent": null, "remaining_wh": null, "status_flags": 1
         });
         assert_eq!(json(&state)["battery"], unknown);
+    }
+
+    #[test]
+    fn the_report_has_the_revolutions() {
+        let mut state = State::new(1_000_000);
+        assert_eq!(json(&state)["rpm"], serde_json::Value::Null);
+        state.rpm = Some(Rpm { sensor: 3, flags: 1, rpm: 61.75 });
+        let expected = serde_json::json!({ "sensor_id": 3, "rpm": 61.75, "flags": 1 });
+        assert_eq!(json(&state)["rpm"], expected);
     }
 
     #[test]

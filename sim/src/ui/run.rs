@@ -323,6 +323,7 @@ fn apply(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
         Action::Nudge(hundredths) => scene.nudge(f64::from(hundredths) / 100.0),
         Action::ToggleSweep => scene.toggle_sweep(),
         Action::Warm(degrees) => scene.warm(f64::from(degrees)),
+        Action::Spin(steps) => scene.spin(steps),
         Action::NextCommandType => scene.next_command_type(),
         Action::Inject(fault) => scene.inject(fault),
         Action::End(fault) => scene.end(fault),

@@ -8,7 +8,7 @@
 //! autopilot still gets its ACKs when the node's cable is pulled. Further boards and links can add
 //! stations. The scene serves the links at least each simulated millisecond.
 
-use super::args::Args;
+use super::args::{Args, RPM_MAX};
 use super::discharge::Discharge;
 use super::findings::Findings;
 use super::pace::Speed;
@@ -39,6 +39,8 @@ const ERASED: u8 = 0xFF;
 const STACK_BOTTOM_SYMBOL: &str = "__heap_start";
 /// This many equal bytes prove that the program paints its stack: noise does not give them.
 const PAINTED_BYTES: u16 = 16;
+/// Revolutions a minute for a press of a key.
+const SPIN_STEP_RPM: i64 = 600;
 /// Simulated time between two measurements of the stack.
 const STACK_PERIOD: Cycles = F_CPU_HZ / 10;
 /// Sender of the fault `same-id` before the first NodeStatus of the node.
@@ -138,6 +140,7 @@ impl Scene {
         let limits = knows_vendor_code.then(|| Budget::of(wiring.chip));
         let bit_rate = args.bit_rate(&wiring).or_usage()?;
         let circuit_inputs_mv = args.circuit_millivolts(&wiring).or_usage()?;
+        let shaft_rpm = args.shaft_rpm(&wiring).or_usage()?;
         let avr = powered(first, 0)?;
         let resets_seen = avr.resets().len();
         let mut bench = Bench::new(bit_rate);
@@ -225,6 +228,7 @@ impl Scene {
         };
         scene.set_temperature(args.temperature);
         scene.set_circuit_inputs(circuit_inputs_mv);
+        scene.set_shaft(shaft_rpm);
         scene.collect()?;
         scene.update_links();
         scene.report_links(args);
@@ -438,6 +442,23 @@ impl Scene {
     fn set_temperature(&mut self, celsius: f64) {
         self.state.sensor_c = celsius;
         self.bench.board(self.node).set_temperature_c(celsius);
+    }
+
+    /// Changes the speed of the shaft by steps of [`SPIN_STEP_RPM`].
+    pub fn spin(&mut self, steps: i8) {
+        if self.state.wiring.rpm.is_none() {
+            return;
+        }
+        let change = i64::from(steps) * SPIN_STEP_RPM;
+        let rpm = (i64::from(self.state.shaft_rpm) + change).clamp(0, RPM_MAX.into());
+        self.set_shaft(rpm as u32);
+    }
+
+    fn set_shaft(&mut self, rpm: u32) {
+        self.state.shaft_rpm = rpm;
+        // No speed stops it.
+        let period = (60 * F_CPU_HZ).checked_div(rpm.into()).unwrap_or(0);
+        self.bench.board(self.node).set_pulse_period(period);
     }
 
     /// Lowers the voltage of the circuit with `--pwr-discharge`.
@@ -812,6 +833,20 @@ mod tests {
         scene.advance(F_CPU_HZ / 100).unwrap();
         assert!(scene.state().bus.error_frames > 0);
         assert_eq!(scene.state().active_faults, [Fault::NoAck]);
+    }
+
+    #[test]
+    fn keys_change_the_speed_of_a_shaft_that_the_program_counts() {
+        let mut scene = scene(&IDLE, "");
+        scene.spin(1);
+        assert_eq!(scene.state().shaft_rpm, 0);
+        scene.state.wiring.rpm = scene.state.wiring.light;
+        let mut speeds = Vec::new();
+        for steps in [1, 1, -1, -1, -1, 1] {
+            scene.spin(steps);
+            speeds.push(scene.state().shaft_rpm);
+        }
+        assert_eq!(speeds, [600, 1200, 600, 0, 0, 600]);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
     BatteryInfo, CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus,
-    Observation, Observer, Temperature, draft, text::visible,
+    Observation, Observer, Rpm, Temperature, draft, text::visible,
 };
 use bench::vendor_code;
 use bench::wiring::Wiring;
@@ -206,6 +206,10 @@ pub struct State {
     pub circuit: Option<CircuitStatus>,
     /// Last BatteryInfo of the node.
     pub battery: Option<BatteryInfo>,
+    /// Revolutions a minute of the shaft at the node's input.
+    pub shaft_rpm: u32,
+    /// Last sensors.rpm.RPM of the node.
+    pub rpm: Option<Rpm>,
     /// Last hardpoint.Status of each relay of the node, by ID.
     pub hardpoints: BTreeMap<u8, u16>,
     /// Last temperature that the node sent in the thesis's message, in degrees Celsius.
@@ -532,7 +536,7 @@ impl State {
         if dialect != self.dialect {
             (self.temperature, self.thesis_temperature_c, self.draft_measurement) =
                 (None, None, None);
-            (self.circuit, self.battery) = (None, None);
+            (self.circuit, self.battery, self.rpm) = (None, None, None);
             self.hardpoints.clear();
         }
         self.dialect = dialect;
@@ -545,6 +549,7 @@ impl State {
                 self.temperature = Some(*temperature)
             }
             Decoded::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
+            Decoded::V0(_, Message::Rpm(rpm)) => self.rpm = Some(*rpm),
             Decoded::V0(_, Message::HardpointStatus(status)) => {
                 self.hardpoints.insert(status.hardpoint, status.status);
             }
@@ -721,6 +726,17 @@ mod tests {
             state.traffic.last().unwrap().text,
             "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT"
         );
+    }
+
+    #[test]
+    fn the_revolutions_of_the_node_are_kept() {
+        let mut state = State::new(1_000_000);
+        for (at, data) in
+            [(16_000, [3, 1, 0, 0, 0, 0, 0, 0xC1]), (32_000, [3, 0, 0, 0, 0x80, 0xBB, 0x45, 0xC2])]
+        {
+            state.add_record(&record(at, 0x1804_1578, &data), true, Some("node"));
+        }
+        assert_eq!(state.rpm, Some(Rpm { sensor: 3, flags: 0, rpm: 6000.0 }));
     }
 
     #[test]
