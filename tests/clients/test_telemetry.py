@@ -166,6 +166,62 @@ def test_a_relay_holds_and_releases_and_says_so(bench):
         assert math.isnan(status.payload_weight) and math.isnan(status.payload_weight_variance)
 
 
+class ArduPilotRpm:
+    """Handles sensors.rpm.RPM as AP_RPM_DroneCAN does (libraries/AP_RPM/RPM_DroneCAN.cpp): each
+    message with its ID counts, one that is unhealthy has the quality 0, and after a second without
+    one the speed is 0.
+    """
+
+    TIMEOUT_S = 1
+
+    def __init__(self, sensor_id):
+        self.sensor_id = sensor_id
+        self.last, self.speed, self.signal_quality = -math.inf, 0, 0
+
+    def hear(self, event):
+        message = event.message
+        if message.sensor_id == self.sensor_id:
+            self.last, self.speed = event.transfer.ts_monotonic, message.rpm
+            self.signal_quality = 0 if message.flags & message.FLAGS_UNHEALTHY else 0.5
+
+    def rpm(self, now):
+        return self.speed if now - self.last <= self.TIMEOUT_S else 0
+
+
+def rpm_of(client, sensor_id):
+    """What ArduPilot has of a sensor after a second."""
+    sensor = ArduPilotRpm(sensor_id)
+    handle = client.node.add_handler(dronecan.dronecan.sensors.rpm.RPM, sensor.hear)
+    client.spin(1)
+    handle.remove()
+    return sensor
+
+
+@pytest.mark.parametrize("speed", [60, 6017, 60_000])
+def test_ardupilot_reads_the_revolutions_of_a_shaft(bench, speed):
+    client = bench("--rpm", str(speed), elf=node_elf("rpm", board="uno")).dronecan()
+    assert rpm_of(client, 3).last == -math.inf, "RPM_RATE is 0"
+    for name, value in (("RPM_ID", 3), ("RPM_RATE", 5)):
+        client.set(name, value)
+    client.spin(2.2)
+    sensor, other = rpm_of(client, 3), rpm_of(client, 0)
+    assert sensor.rpm(sensor.last) == pytest.approx(speed, rel=0.002)
+    assert sensor.signal_quality == 0.5 and other.last == -math.inf
+    client.set("RPM_PULSES", 4)
+    client.spin(0.5)
+    sensor = rpm_of(client, 3)
+    assert sensor.rpm(sensor.last + 0.9) == pytest.approx(speed / 4, rel=0.002)
+    assert sensor.rpm(sensor.last + 1.1) == 0
+
+
+def test_ardupilot_reads_that_a_noisy_shaft_has_no_speed(bench):
+    client = bench("--rpm", "6000000", elf=node_elf("rpm", board="uno")).dronecan()
+    client.set("RPM_RATE", 10)
+    client.spin(0.3)
+    sensor = rpm_of(client, 0)
+    assert (sensor.speed, sensor.signal_quality) == (0, 0) and sensor.last > 0
+
+
 def test_with_arm_req_commands_are_followed_when_the_vehicle_is_armed(bench):
     used = bench()
     client = used.dronecan()
