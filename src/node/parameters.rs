@@ -171,7 +171,7 @@ parameters! {
         RelayRate "RELAY_RATE" 0..10 = 1,
         /// Relays that hold at the start, and after RELAY_TIMEOUT: bit 0 is output 1.
         RelayStart "RELAY_START" 0..255 = 0,
-        /// Time without a hardpoint.Command for a relay until all go to the state of RELAY_START,
+        /// Time without a hardpoint.Command for a relay until it goes to its state of RELAY_START,
         /// in seconds; 0 is never.
         RelayTimeout "RELAY_TIMEOUT" 0..255 = 0,
     }

@@ -2,6 +2,7 @@
 //! holds.
 
 use super::outputs::Pulses;
+use crate::hardware::OUTPUTS;
 use crate::node::parameters::{OutputParameter, Parameter, Parameters};
 
 /// OUTn_TYPE: the output is a relay.
@@ -18,8 +19,8 @@ pub struct Relays {
     reversed: u8,
     /// Outputs whose pins have the level of a relay.
     driven: u8,
-    /// Seconds until the relays go to the state of RELAY_START; 0 for never.
-    left_s: u8,
+    /// For each output: seconds until the relay goes to the state of RELAY_START; 0 for never.
+    left_s: [u8; OUTPUTS],
     /// The output whose level was set last, and its bit.
     shown: u8,
     shown_bit: u8,
@@ -35,7 +36,7 @@ impl Relays {
             held: 0,
             reversed: 0,
             driven: 0,
-            left_s: 0,
+            left_s: [0; OUTPUTS],
             shown: 0,
             shown_bit: 0,
             reported: 0,
@@ -66,23 +67,34 @@ impl Relays {
         self.relays
     }
 
-    /// Has these relays hold or release, and begins the time of RELAY_TIMEOUT.
+    /// Has these relays hold or release, and begins their time of RELAY_TIMEOUT.
     pub fn act_on_command(&mut self, relays: u8, holds: bool, parameters: &Parameters) {
         self.held &= !relays;
         if holds {
             self.held |= relays;
         }
-        self.left_s = parameters.get(Parameter::RelayTimeout) as u8;
+        let mut bits = relays;
+        for left_s in &mut self.left_s {
+            if bits & 1 != 0 {
+                *left_s = parameters.get(Parameter::RelayTimeout) as u8;
+            }
+            bits >>= 1;
+        }
     }
 
-    /// Without a command for RELAY_TIMEOUT the relays go to the state of RELAY_START. Call once a
+    /// Without a command for RELAY_TIMEOUT a relay goes to its state of RELAY_START. Call once a
     /// second.
     pub fn second(&mut self, parameters: &Parameters) {
-        if self.left_s != 0 {
-            self.left_s -= 1;
-            if self.left_s == 0 {
-                self.held = parameters.get(Parameter::RelayStart) as u8;
+        let mut bit = 1;
+        for left_s in &mut self.left_s {
+            if *left_s != 0 {
+                *left_s -= 1;
+                if *left_s == 0 {
+                    let start = parameters.get(Parameter::RelayStart) as u8;
+                    self.held = self.held & !bit | start & bit;
+                }
             }
+            bit <<= 1;
         }
     }
 

@@ -57,16 +57,22 @@ fn a_relay_begins_with_the_state_of_relay_start() {
 }
 
 #[test]
-fn without_commands_for_relay_timeout_the_relays_go_to_their_start() {
+fn a_relay_without_commands_for_relay_timeout_goes_to_its_start_whatever_others_get() {
     let mut rig = with_relays(&[(Parameter::RelayTimeout, 3), (Parameter::RelayStart, 0b0100)]);
     assert_eq!(levels(&mut rig), [false, false]);
     assert_eq!(command(&mut rig, 5, 1), [true, false]);
-    for _ in 0..4 {
-        assert_eq!(command(&mut rig, 6, 0), [true, true]);
-        rig.run(1980);
-        assert_eq!(levels(&mut rig), [true, true]);
-    }
+    assert_eq!(command(&mut rig, 6, 0), [true, true]);
+    rig.run(1980);
+    assert_eq!(command(&mut rig, 6, 0), [true, true]);
+    // The first relay's time is over.
     rig.run(1000);
+    assert_eq!(levels(&mut rig), [false, true]);
+    for _ in 0..3 {
+        assert_eq!(command(&mut rig, 6, 0), [false, true]);
+        rig.run(1980);
+    }
+    assert_eq!(levels(&mut rig), [false, true]);
+    rig.run(1100);
     assert_eq!(levels(&mut rig), [false, false]);
 }
 
