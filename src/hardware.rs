@@ -53,7 +53,7 @@ const PACKED_LEN: usize = if OUTPUTS == 1 { 0 } else { 2 * OUTPUTS };
 pub const PACKED_OUTPUT_PINS: [u8; PACKED_LEN] = {
     let mut packed = [0; PACKED_LEN];
     let mut at = 0;
-    while at < PACKED_LEN {
+    while at != PACKED_LEN {
         let pin = OUTPUT_PINS[at / 2];
         packed[at] = pin.port;
         packed[at + 1] = pin.mask();

@@ -37,13 +37,11 @@ impl Step {
     /// The chip is on the bus and aborts all frames that wait.
     pub const ABORTING: Self = Self(0x81);
 
-    #[inline(always)]
     pub fn is_running(self) -> bool {
         self >= Self::RUNNING
     }
 
     /// The step after this one.
-    #[inline(always)]
     pub fn next(self) -> Self {
         Self(self.0 + 1)
     }
@@ -58,13 +56,11 @@ pub struct ConfigurationMode<'c, SPI, CS> {
 impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
     /// Returns the register to write in this step: of a filter or a mask, CNF1 to CNF3, or CANINTE.
     /// `None` if all are written.
-    #[inline(always)]
     pub fn register(&self) -> Option<u8> {
         (self.step != Step::ENTERING).then_some(self.step.0.wrapping_sub(Step::CONFIGURING.0))
     }
 
     /// Writes the register and reads it back. Returns true if it holds the value.
-    #[inline(always)]
     pub fn write(&mut self, register: u8, value: u8) -> bool {
         self.chip.access(instruction::WRITE, register, value);
         self.chip.read(register) == value
@@ -72,14 +68,12 @@ impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
 
     /// Returns the next step if the registers after this one are not part of the configuration:
     /// 0x0C to 0x0F, and 0x1C to 0x1F.
-    #[inline(always)]
     pub fn step_over(self, register: u8) -> Option<Step> {
         (register == 0x0B || register == 0x1B).then_some(Step(self.step.0 + 5))
     }
 
     /// Requests the mode in `canctrl`. Sets RXB0 to use its filters, and to roll a frame over to
     /// RXB1 if RXB0 is full.
-    #[inline(always)]
     pub fn leave(self, canctrl: u8) {
         self.chip.access(instruction::WRITE, RXB0CTRL, BUKT);
         self.chip.write_canctrl(canctrl);
@@ -100,7 +94,6 @@ impl<SPI, CS> Chip<SPI, CS> {
 
 impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     /// Returns access to configuration mode, if the chip is in it at `step`.
-    #[inline(always)]
     pub fn configuration_mode(&mut self, step: Step) -> Option<ConfigurationMode<'_, SPI, CS>> {
         (Step::CONFIGURING..=Step::ENTERING)
             .contains(&step)
@@ -108,7 +101,6 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     }
 
     /// Sends RESET.
-    #[inline(always)]
     pub fn reset(&mut self) {
         self.select();
         self.exchange(instruction::RESET);
@@ -126,14 +118,12 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     }
 
     /// Reads one register.
-    #[inline(always)]
     pub fn read(&mut self, register: u8) -> u8 {
         self.access(instruction::READ, register, 0)
     }
 
     /// Begins a READ of several registers. [`next`](Self::next) reads them, and
     /// [`deselect`](Self::deselect) ends the READ.
-    #[inline(always)]
     pub fn begin_read(&mut self, register: u8) {
         self.begin(instruction::READ, register);
     }
@@ -145,19 +135,16 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     }
 
     /// Writes CANCTRL.
-    #[inline(always)]
     pub fn write_canctrl(&mut self, value: u8) {
         self.access(instruction::WRITE, CANCTRL, value);
     }
 
     /// Clears RX0OVR and RX1OVR. The other bits of EFLG are read-only.
-    #[inline(always)]
     pub fn clear_overflow(&mut self) {
         self.access(instruction::WRITE, EFLG, 0);
     }
 
     /// Clears ERRIF, and leaves the other flags of CANINTF alone.
-    #[inline(always)]
     pub fn clear_error_interrupt(&mut self) {
         self.begin(instruction::BIT_MODIFY, CANINTF);
         self.exchange(ERRIF);
@@ -167,7 +154,6 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
 
     /// Reads a receive buffer with READ RX BUFFER. Stores SIDH, SIDL, EID8 and EID0 in place of the
     /// identifier. Returns RXBnDLC.
-    #[inline(always)]
     pub fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
         self.select();
         // The instruction is 0x90 for RXB0 and 0x94 for RXB1.
@@ -183,21 +169,18 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     }
 
     /// Writes a transmit buffer, and sends RTS for it.
-    #[inline(always)]
     pub fn send_frame(&mut self, rank: Rank, frame: &Frame) {
         self.begin_frame(rank, frame);
         self.end_frame(rank, frame);
     }
 
     /// Writes the priority, identifier and length of a transmit buffer, and ends the instruction.
-    #[inline(always)]
     pub fn write_identifier(&mut self, rank: Rank, frame: &Frame) {
         self.begin_frame(rank, frame);
         self.deselect();
     }
 
     /// Writes the data of a transmit buffer with LOAD TX BUFFER, and sends RTS for it.
-    #[inline(always)]
     pub fn write_data_and_send(&mut self, rank: Rank, frame: &Frame) {
         self.select();
         // The instruction is 0x41, 0x43 and 0x45 for the data of TXB0, TXB1 and TXB2.
@@ -205,7 +188,6 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.end_frame(rank, frame);
     }
 
-    #[inline(always)]
     fn begin_frame(&mut self, rank: Rank, frame: &Frame) {
         // TXB0, TXB1 and TXB2 are at 0x30, 0x40 and 0x50. The register before the identifier holds
         // the priority.
@@ -219,7 +201,6 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.exchange(frame.len);
     }
 
-    #[inline(always)]
     fn end_frame(&mut self, rank: Rank, frame: &Frame) {
         // Always eight bytes: the chip sends only the first `len` bytes.
         _ = self.spi.write(&frame.data);
@@ -246,13 +227,11 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         self.exchange(register);
     }
 
-    #[inline(always)]
     fn select(&mut self) {
         _ = self.cs.set_low();
     }
 
     /// Ends an instruction, after the SPI has sent all of it.
-    #[inline(always)]
     pub fn deselect(&mut self) {
         _ = self.spi.flush();
         _ = self.cs.set_high();

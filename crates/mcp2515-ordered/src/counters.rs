@@ -62,6 +62,7 @@ impl Counters {
     }
 
     /// Returns the word `n`, or 0 if there is none.
+    #[inline(always)]
     pub fn word(&self, n: u8) -> u16 {
         self.0.get(usize::from(n)).copied().unwrap_or(0)
     }
@@ -79,6 +80,7 @@ impl Counters {
     }
 
     /// Adds 1 to a count of 32 bits.
+    #[inline(always)]
     pub(crate) fn count_long(&mut self, counter: Counter) {
         let low = &mut self.0[counter as usize];
         *low = low.wrapping_add(1);
@@ -102,10 +104,15 @@ impl Counters {
     }
 
     /// Returns 0.
+    #[inline(always)]
     pub fn word(&self, _n: u8) -> u16 {
         0
     }
+
+    #[inline(always)]
     pub(crate) fn add(&mut self, _counter: Counter, _more: u8) {}
+
+    #[inline(always)]
     pub(crate) fn count_long(&mut self, _counter: Counter) {}
 }
 
