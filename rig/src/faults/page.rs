@@ -41,6 +41,17 @@ commands, 10,821 requests, 687 saves, 1,355,577 frames and 687 faults of 21 kind
 40 frames were lost, each in a fault. The longest recovery took 180 ms, from a controller that was
 held in configuration mode.
 
+An hour of each program with nodes that disturb the commanders (25 November 2026, `rig/src/soak`):
+half-senders of which one commands, too, NaN beside each command, statuses of a stranger, and on the
+Uno types and IDs that change and updates that are asked for as commands begin. No check failed.
+
+* Diecimila, `default`: 176,083 commands, 331,362 first frames of commands that never ended, 170
+  faults. The half-commander kept 1,633 commands out of the only lane. 31 frames were lost, each in
+  a fault; the longest recovery took 160 ms.
+* Uno, `full` with eight outputs: 451,572 commands, 312,502 such first frames, 514 changes of types
+  and IDs, 177 faults. No command was kept out. 57 frames were lost, each in a fault; the longest
+  recovery took 140 ms.
+
 ## Mistakes in the program
 
 A test that cannot fail proves nothing. So two programs put mistakes into the firmware, and the
