@@ -23,6 +23,7 @@ pub const fn seed(signature: u64) -> u16 {
 }
 
 /// Does the same as [`add`], but inlined: for fast loops and for constants.
+#[inline(always)]
 pub const fn step(crc: u16, byte: u8) -> u16 {
     // Divides a byte at a time, without a table. The quotient is the byte that leaves at the top,
     // with its high nibble added to its low nibble. The polynomial 0x1021 adds the quotient in
