@@ -407,6 +407,8 @@ bounds: firmware
 
 # Beside what the simulator observes, in docs/benchmarks.md.
 bounds-page:
+	@scripts/boot
+	@scripts/boot $(UNO)
 	@scripts/firmware default remote thesis
 	@scripts/firmware $(UNO) full
 	cargo bench --bench bounds
