@@ -254,7 +254,7 @@ test-uno:
 CLIENTS := not long
 test-clients:
 	cargo build -p node-update
-	$(VENV)/bin/python -m pytest -q -n 3 --dist loadfile -m '$(CLIENTS)' tests/clients
+	$(VENV)/bin/python -m pytest -q -n 4 --dist loadfile -m '$(CLIENTS)' tests/clients
 
 # The page in Chromium, and seconds of the cross-check: a job of its own in CI, because WebAssembly
 # compiles for two minutes. WEB_TESTS=--long adds the long tests.
