@@ -531,9 +531,9 @@ fn main() {
     let most = positions.map(lost).fold(0.0, f64::max);
     let _ = writeln!(
         page,
-        "\nA command for a position takes a division, so the node needs longer than the frame's \
-         1,840 cycles. A bus full of such commands\nhas 8,700 a second; the node loses up to \
-         {most:.1} % and reports them (docs/decisions.md)."
+        "\nTo follow a command for a position takes a division, so it has a turn of its own: the \
+         newest command is followed when no frame\nwaits. Of a bus full of such commands, 8,700 a \
+         second, the node lost {most:.1} % (docs/decisions.md)."
     );
     let mut foreign = Loaded::new(
         Some(Load { kind: Kind::Foreign, priority: 31, pace: Pace::Full }),
