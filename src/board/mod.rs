@@ -43,30 +43,15 @@ mod serial;
 mod spi;
 mod timer1;
 
-#[cfg(feature = "button")]
+#[cfg_attr(not(feature = "button"), path = "absent/button.rs")]
 mod button;
-#[cfg(not(feature = "button"))]
-#[path = "absent/button.rs"]
-mod button;
-#[cfg(feature = "lights")]
+#[cfg_attr(not(feature = "lights"), path = "absent/light.rs")]
 mod light;
-#[cfg(not(feature = "lights"))]
-#[path = "absent/light.rs"]
-mod light;
-#[cfg(feature = "update")]
+#[cfg_attr(not(feature = "update"), path = "absent/loader.rs")]
 mod loader;
-#[cfg(not(feature = "update"))]
-#[path = "absent/loader.rs"]
-mod loader;
-#[cfg(feature = "outputs")]
+#[cfg_attr(not(feature = "outputs"), path = "servo.rs")]
 mod outputs;
-#[cfg(not(feature = "outputs"))]
-#[path = "servo.rs"]
-mod outputs;
-#[cfg(feature = "rpm")]
-mod shaft;
-#[cfg(not(feature = "rpm"))]
-#[path = "absent/shaft.rs"]
+#[cfg_attr(not(feature = "rpm"), path = "absent/shaft.rs")]
 mod shaft;
 
 /// The registers of the chip.
