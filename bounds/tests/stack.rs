@@ -78,6 +78,18 @@ fn a_frame_of_local_variables_counts() {
     assert_eq!(stack(&program).unwrap().bytes, 2 + 2 + 300);
 }
 
+/// INT0's handler, which masks itself and lets others interrupt it. It takes a register and the
+/// return address.
+const NESTING_INT0: &str = "
+    .type int0, @function
+    int0: cbi 0x1D, 0
+    sei
+    push r24
+    pop r24
+    cli
+    sbi 0x1D, 0
+    reti";
+
 #[test]
 fn a_handler_that_masks_itself_can_nest_below_another() {
     let program = assembled(
@@ -86,14 +98,7 @@ fn a_handler_that_masks_itself_can_nest_below_another() {
             "{SET_SP}
              sei
              rjmp .-2
-             .type int0, @function
-             int0: cbi 0x1D, 0
-             sei
-             push r24
-             pop r24
-             cli
-             sbi 0x1D, 0
-             reti"
+             {NESTING_INT0}"
         ),
     );
     // INT0 with one register, and nothing above it: the other vectors lead to the start.
@@ -110,14 +115,7 @@ fn a_handler_may_mask_itself_beside_one_that_nests() {
                 "{SET_SP}
                  sei
                  rjmp .-2
-                 .type int0, @function
-                 int0: cbi 0x1D, 0
-                 sei
-                 push r24
-                 pop r24
-                 cli
-                 sbi 0x1D, 0
-                 reti
+                 {NESTING_INT0}
                  .type int1, @function
                  int1: push r24
                  push r24
