@@ -6,12 +6,10 @@ use bench::avr::{Firmware, Pulse, ResetCause};
 use bench::can::Frame;
 use bench::dronecan::{Message, NumberAndText, ParameterRequest, TransferId, Value, split, types};
 use bench::{Cycles, Noise, bootloader, firmware_for};
-use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, US, array_command, started_with};
-
-/// CAN identifiers without the sender.
-const ARMING_STATUS: u32 = 0x1804_4C00;
-const SAFETY_STATE: u32 = 0x104E_2000;
-const RAW_COMMAND: u32 = 0x0704_0600;
+use rig::{
+    ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, RAW_COMMAND, Rig, SAFETY_STATE, US,
+    array_command, started_with,
+};
 
 const ARMED: u8 = 255;
 const DISARMED: u8 = 0;

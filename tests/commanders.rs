@@ -2,10 +2,7 @@
 
 use bench::can::Frame;
 use rig::status::{DISARMED, OK, TWO_COMMANDERS, WARNING};
-use rig::{ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
-
-/// ArmingStatus. 255 is fully armed.
-const ARMING_STATUS: u32 = 0x1804_4C00;
+use rig::{ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
 
 /// A command in one frame from node `source`.
 fn command_from(rig: &mut Rig, source: u32, actuator: u8, value: f32) {
@@ -92,6 +89,7 @@ fn without_a_commander_the_lowest_node_id_may_arm() {
     for source in [20, 10] {
         rig.send(NODE_STATUS | source, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
     }
+    // 255 is fully armed.
     rig.send(ARMING_STATUS | 20, &[255, 0xC0]);
     assert!(is_disarmed(&mut rig));
     rig.send(ARMING_STATUS | 10, &[255, 0xC0]);

@@ -58,6 +58,9 @@ pub const TRANSFER_ID_OF_DRAFT: u32 = 7;
 /// CAN identifiers, without the sender's node ID, of messages that the node receives.
 pub const NODE_STATUS: u32 = 0x1801_5500;
 pub const ARRAY_COMMAND: u32 = 0x1003_F200;
+pub const RAW_COMMAND: u32 = 0x0704_0600;
+pub const ARMING_STATUS: u32 = 0x1804_4C00;
+pub const SAFETY_STATE: u32 = 0x104E_2000;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
 /// The board under test: `NODE_BOARD` and `NODE_SHIELD` name it; else it is the default of

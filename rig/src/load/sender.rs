@@ -9,11 +9,13 @@ use bench::can::{Frame, SoftNode};
 use bench::dronecan::{DataType, ParameterRequest, TransferId, split, types};
 use bench::{Bench, Cycles, Noise};
 
-use super::super::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, SERVO_COMMAND, US, array_command};
+use super::super::{
+    ARMING_STATUS, ARRAY_COMMAND, MS, NODE, NODE_STATUS, RAW_COMMAND, SERVO_COMMAND, US,
+    array_command,
+};
 use super::{Kind, Load, Pace};
 
 /// uavcan.equipment.esc.RawCommand.
-const RAW_COMMAND: u32 = 0x0704_0600;
 const RAW_COMMAND_SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
 /// Node ID of the sender that fills the bus.
 pub const SENDER: u32 = 10;
@@ -25,8 +27,6 @@ pub(super) const BELOW_PRIORITY: u32 = 0x00FF_FFFF;
 const FOREIGN: u32 = 0x1804_5600;
 /// Identifier that RXF0 of `third-party/job.rs` accepts; the frame rolls over to RXB1.
 const THIRD_PARTY: u32 = 0x1234_5600;
-/// ArmingStatus.
-const ARMING_STATUS: u32 = 0x1804_4C00;
 /// A vendor-specific message, type 20210, with the low byte of ArrayCommand's type.
 const LOOK_ALIKE: u32 = 0x184E_F200;
 /// Anonymous request for a node ID: type 1. With this discriminator its identifier equals that of a

@@ -18,7 +18,10 @@ use bench::can::Frame;
 use bench::dronecan::{Message, TransferId, Value, split, types};
 
 use super::{FAILSAFE_US, SERVO_PERIOD, SLOT_MS, Soak};
-use crate::{ARRAY_COMMAND, MS, Rig, US, array_command, has_all_features};
+use crate::{
+    ARMING_STATUS, ARRAY_COMMAND, MS, RAW_COMMAND, Rig, SAFETY_STATE, US, array_command,
+    has_all_features,
+};
 
 const AUTOPILOT: u32 = 10;
 const COMPANION: u32 = 11;
@@ -27,11 +30,6 @@ const HALF_SENDER: u32 = 13;
 const STRANGER: u32 = 14;
 /// The highest of these node IDs.
 pub(super) const LAST: u32 = STRANGER;
-
-/// CAN identifiers without the sender.
-const ARMING_STATUS: u32 = 0x1804_4C00;
-const SAFETY_STATE: u32 = 0x104E_2000;
-const RAW_COMMAND: u32 = 0x0704_0600;
 
 /// ArmingStatus and SafetyState.
 const FULLY_ARMED: u8 = 255;
