@@ -219,7 +219,7 @@ third-party:
 # The prerequisites do not depend on each other.
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup
-	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares third-party $(VENV)/installed $(TOOLS)/bin/ravedude
+	@$(MAKE) --no-print-directory -j2 --output-sync=line lint-firmware deny firmwares third-party $(VENV)/gui $(TOOLS)/bin/ravedude
 	@$(MAKE) --no-print-directory test-packages test-library test-host test-bounds test-firmware test-uno test-clients
 
 # The crates that crates.io gets. Each builds from its package alone, with the packages of the
@@ -320,6 +320,12 @@ $(VENV)/installed: tests/clients/requirements.txt tests/clients/requirements-alo
 	python3 -m venv $(VENV)
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check -r $<
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r tests/clients/requirements-alone.txt
+	touch $@
+
+# Apart, because only tests use it, and it takes more than all the others.
+$(VENV)/gui: tests/clients/requirements-gui.txt $(VENV)/installed
+	@echo "Installing the DroneCAN GUI Tool into $(VENV): 0.3 GB"
+	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
 	touch $@
 
 # "make test" denies warnings in all that it builds: what clippy does not see is what a set with

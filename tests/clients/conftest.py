@@ -438,7 +438,7 @@ class Bench:
             [program(str(line[0])), *map(str, line[1:])],
             stdin=options.pop("stdin", subprocess.DEVNULL),
             stdout=options.pop("stdout", subprocess.PIPE),
-            stderr=subprocess.STDOUT,
+            stderr=options.pop("stderr", subprocess.STDOUT),
             cwd=options.pop("cwd", self.directory),
             start_new_session=True,
             **options,
