@@ -15,35 +15,33 @@
 //! `LEAD` covers the longest time from the interrupt's flag to the poll. In cycles of 62.5 ns, from
 //! the instructions of the handlers: the end of the handler of INT0 12, an instruction of the main
 //! loop 4, the beginning of the handler of INT0 for another frame 19, another instruction 4, and
-//! the beginning of this handler 61. The sum is 100. The handler of Timer0's millisecond would take
+//! the beginning of this handler 60. The sum is 99. The handler of Timer0's millisecond would take
 //! 34 more. It begins with TCNT0 at 0, so an interrupt for this time comes a tick of Timer0
 //! earlier. With the feature `rpm` the handlers of `shaft.rs` take 37 and 20 more, each with
-//! another instruction, 4. The sum is 165, and `LEAD` longer.
+//! another instruction, 4. The sum is 164, and `LEAD` longer.
 //!
-//! The main loop computes the edges for new widths, and writes them to one of two sets, while the
-//! handler uses the other. The handler changes to the new set shortly before BOTTOM, and with it
-//! writes OCR1x. So all widths of one call of [`Pulses::set`] begin in the same period.
+//! The main loop writes new widths to one of two sets, while the handler uses the other set. The
+//! handler changes to the new set shortly before BOTTOM, and with it writes OCR1x. So all widths of
+//! one call of [`Pulses::set`] begin in the same period. After each edge the handler computes the
+//! next one from the slot and the width.
 //!
 //! After `start` only the handler uses the 16-bit registers of Timer1, which share a byte of
 //! temporary storage (section 16.3).
 
 mod edges;
 
-use super::chip::{PORTB, PORTC, PORTD, TC1};
-use super::clock::TOP as TIMER0_TOP;
-use super::flash::Image;
+use super::chip::TC1;
 use super::pins::ServoSignal;
 use super::timer1;
 use edges::{
-    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, FALLS, Falls, INCOMPLETE, KEPT, LEAD, MISSED, Moment, NEW,
-    OTHER, SCHEDULE, SLOT, Switched, TICKS_OF_TIMER0, USED, enable_interrupt, modulo,
-    modulo_of_pulse, other_falls, plus, tc0, tc1,
+    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, INCOMPLETE, KEPT, MISSED, Moment, NEW, OTHER, SCHEDULE,
+    TICKS_OF_TIMER0, USED, WIDTHS, Widths, enable_interrupt, modulo, other_widths, pin, plus,
+    register, tc0, tc1,
 };
-use firmware::hardware::{OUTPUTS, OutputPins};
+use firmware::hardware::OUTPUTS;
 use firmware::node::parameters::{Parameter, Parameters};
 use firmware::parts::outputs::Pulses;
 use firmware::parts::outputs::travel::Ticks;
-use firmware::progmem::Progmem;
 
 pub use edges::finish;
 
@@ -51,8 +49,8 @@ pub use edges::finish;
 pub struct Outputs {
     /// The pin of output 1.
     signal: ServoSignal,
-    /// The ends of the pulses as they were set last.
-    falls: Falls,
+    /// The widths of the pulses as they were set last.
+    widths: Widths,
     /// True if one of them was not committed yet.
     has_change: bool,
     /// Only output 1 is in use. It needs no interrupt, and gets its widths at once.
@@ -62,14 +60,14 @@ pub struct Outputs {
 impl Outputs {
     pub(super) fn new(tc1: TC1, signal: ServoSignal) -> Self {
         timer1::stop(&tc1, &signal);
-        Self { signal, falls: [Moment::NONE; OUTPUTS], has_change: false, is_single: false }
+        Self { signal, widths: [0; OUTPUTS], has_change: false, is_single: false }
     }
 
     /// Starts the outputs in use, with OUT_RATE. Call it once, before interrupts are enabled, and
     /// while Timer0 runs.
     pub fn start(&mut self, parameters: &Parameters) {
-        let (count, rate_hz) =
-            (usize::from(parameters.outputs()), parameters.get(Parameter::OutRate));
+        let count = usize::from(parameters.outputs()).min(OUTPUTS);
+        let rate_hz = parameters.get(Parameter::OutRate);
         self.is_single = count == 1;
         let mut period = timer1::period(rate_hz);
         if !self.is_single {
@@ -91,89 +89,54 @@ impl Outputs {
         schedule.period = modulo(period / TICKS_OF_TIMER0);
         schedule.slots = count as u8;
         schedule.change = schedule.moment(period.wrapping_sub(CHANGE_AHEAD));
-        let mut at = 0;
-        let mut pin_at = 0;
-        for n in 0..OUTPUTS {
-            let port = registers_of(Progmem::<OutputPins>::byte(Image, pin_at)).wrapping_add(PORTX);
-            let mask = Progmem::<OutputPins>::byte(Image, pin_at + 1);
-            pin_at += 2;
-            let before = modulo((at / TICKS_OF_TIMER0).wrapping_add(TIMER0_TOP.into()));
-            schedule.outputs[n] = Switched { port, mask, rise: schedule.moment(at), before };
-            at += SLOT;
-            if n < count {
-                // DDRx is before PORTx. The bit of PORTx is 0.
-                // Safety: these pins are of this module, and interrupts are not enabled yet.
-                unsafe {
-                    let direction = port.wrapping_sub(1);
-                    direction.write_volatile(direction.read_volatile() | mask);
-                }
+        for output in 0..count {
+            let (port, mask) = pin(output);
+            // DDRx is before PORTx. The bit of PORTx is 0.
+            // Safety: these pins are of this module, and interrupts are not enabled yet.
+            unsafe {
+                let direction = register(port.wrapping_sub(1));
+                direction.write_volatile(direction.read_volatile() | mask);
             }
         }
         if self.is_single {
             return;
         }
         // Safety: the handler is not enabled yet.
-        unsafe { USED = (&raw const FALLS).cast::<Falls>() };
+        unsafe { USED = (&raw const WIDTHS).cast::<Widths>() };
         // The first event has no edge.
-        let Moment { at, compare, .. } = schedule.moment(BEGIN_AT);
-        *edge = Edge { at, port: schedule.outputs[0].port, set: 0, keep: u8::MAX };
+        let Moment { at, compare } = schedule.moment(BEGIN_AT);
+        let (port, _) = pin(0);
+        *edge = Edge { at, port, set: 0, keep: u8::MAX };
         tc0().ocr0b().write(|w| w.set(plus(compare, schedule.timer0)));
         enable_interrupt();
-    }
-}
-
-/// Offset of PORTx in the registers of a port; PINx is the first.
-const PORTX: usize = 2;
-
-/// The registers of port `B`, `C` or `D`.
-fn registers_of(port: u8) -> *mut u8 {
-    match port {
-        b'B' => PORTB::PTR.cast_mut().cast::<u8>(),
-        b'C' => PORTC::PTR.cast_mut().cast::<u8>(),
-        _ => PORTD::PTR.cast_mut().cast::<u8>(),
     }
 }
 
 impl Pulses for Outputs {
     #[inline(never)]
     fn set(&mut self, output: usize, width: Ticks) {
-        if self.is_single {
-            // A pulse that has begun is not cut.
-            let [fall, ..] = &mut self.falls;
-            if fall.at != width && (width != 0 || !self.signal.is_driven_high()) {
-                fall.at = width;
-                timer1::set_width(&tc1(), width);
-            }
+        let current = &mut self.widths[output % OUTPUTS];
+        if *current == width {
             return;
         }
-        // Safety: the handler changes neither the outputs nor the phase.
-        let (switched, phase) = unsafe {
-            (
-                &*(&raw const SCHEDULE.outputs).cast::<Switched>().wrapping_add(output % OUTPUTS),
-                SCHEDULE.phase,
-            )
-        };
-        let at = if width == 0 { 0 } else { switched.rise.at.wrapping_add(width) };
-        let fall = &mut self.falls[output % OUTPUTS];
-        if fall.at != at {
-            fall.at = at;
-            fall.compare = plus(
-                switched.before,
-                modulo_of_pulse(width.wrapping_sub(LEAD + u16::from(phase)) / TICKS_OF_TIMER0),
-            );
+        if !self.is_single {
+            *current = width;
             self.has_change = true;
+        } else if width != 0 || !self.signal.is_driven_high() {
+            // A pulse that has begun is not cut.
+            *current = width;
+            timer1::set_width(&tc1(), width);
         }
     }
 
     #[inline(always)]
     fn set_level(&mut self, output: usize, is_high: bool) {
-        // Safety: the handler does not change the outputs. A write to PINx, two registers before
-        // PORTx, switches the bits of PORTx that are 1 in it and no others, in one instruction.
+        let (port, mask) = pin(output);
+        // Safety: a write to PINx, two registers before PORTx, switches the bits of PORTx that are
+        // 1 in it and no others, in one instruction.
         unsafe {
-            let outputs = (&raw const SCHEDULE.outputs).cast::<Switched>();
-            let Switched { port, mask, .. } = *outputs.wrapping_add(output % OUTPUTS);
-            if (port.read_volatile() & mask != 0) != is_high {
-                port.wrapping_sub(2).write_volatile(mask);
+            if (register(port).read_volatile() & mask != 0) != is_high {
+                register(port.wrapping_sub(2)).write_volatile(mask);
             }
         }
     }
@@ -190,17 +153,16 @@ impl Pulses for Outputs {
 }
 
 impl Outputs {
-    /// Gives the new ends of the pulses to the handler.
+    /// Gives the new widths to the handler.
     #[inline(never)]
     fn hand_over(&mut self) {
         // Safety: while `OTHER` is `INCOMPLETE` or `MISSED` the handler does not change to the
         // other set, so only the main loop uses that one.
         unsafe {
             (&raw mut OTHER).write_volatile(INCOMPLETE);
-            let mut to = other_falls().cast::<Moment>();
-            for fall in &self.falls {
-                (&raw mut (*to).at).write_volatile(fall.at);
-                (&raw mut (*to).compare).write_volatile(fall.compare);
+            let mut to = other_widths().cast::<Ticks>();
+            for width in &self.widths {
+                to.write_volatile(*width);
                 to = to.wrapping_add(1);
             }
             let is_missed = (&raw const OTHER).read_volatile() == MISSED;

@@ -3,11 +3,13 @@
 
 use core::arch::global_asm;
 
-use super::super::chip::{TC0, TC1};
+use super::super::chip::{PORTB, PORTC, PORTD, TC0, TC1};
 use super::super::clock::TOP as TIMER0_TOP;
+use super::super::flash::Image;
 use super::super::timer1::{self, TICKS};
-use firmware::hardware::{OUTPUTS, SHAFT, SLOT_US};
+use firmware::hardware::{OUTPUTS, OutputPins, SHAFT, SLOT_US};
 use firmware::parts::outputs::travel::Ticks;
+use firmware::progmem::Progmem;
 
 /// Ticks of Timer1 in a tick of Timer0.
 pub(super) const TICKS_OF_TIMER0: Ticks = 8;
@@ -43,32 +45,22 @@ pub(super) const OCIE0A: u8 = 1 << 1;
 pub(super) const OCIE0B: u8 = 1 << 2;
 pub(super) const OCF0B: u8 = 1 << 2;
 
-/// A time in a period. Its size is a power of two, so that an index needs no multiplication.
+/// A time in a period.
 #[derive(Clone, Copy)]
-#[repr(C)]
 pub(super) struct Moment {
     /// Value of TCNT1.
     pub(super) at: Ticks,
     /// OCR0B for the interrupt before it, if TCNT0 is 0 when [`Schedule::timer0`] says which value
     /// it has.
     pub(super) compare: u8,
-    _unused: u8,
-}
-
-impl Moment {
-    pub(super) const NONE: Self = Self::new(0, 0);
-
-    pub(super) const fn new(at: Ticks, compare: u8) -> Self {
-        Self { at, compare, _unused: 0 }
-    }
 }
 
 /// The next edge, as the handler needs it.
 #[repr(C)]
 pub(super) struct Edge {
     pub(super) at: Ticks,
-    /// The port, the bits to set in it, and the bits to keep.
-    pub(super) port: *mut u8,
+    /// Address of the port, which is below 256, the bits to set in it, and the bits to keep.
+    pub(super) port: u8,
     pub(super) set: u8,
     pub(super) keep: u8,
 }
@@ -87,17 +79,6 @@ pub(super) enum Event {
     Change,
 }
 
-/// An output that interrupts switch. Its size is a power of two, as that of [`Moment`].
-#[derive(Clone, Copy)]
-#[repr(C)]
-pub(super) struct Switched {
-    pub(super) port: *mut u8,
-    pub(super) mask: u8,
-    /// The tick of Timer0 before the slot, as in [`Moment::compare`].
-    pub(super) before: u8,
-    pub(super) rise: Moment,
-}
-
 /// What [`go_on`] knows.
 pub(super) struct Schedule {
     /// The next event, and its slot.
@@ -111,28 +92,25 @@ pub(super) struct Schedule {
     pub(super) phase: u8,
     /// Ticks of Timer0 in a period, modulo [`TIMER0_PERIOD`].
     pub(super) period: u8,
-    pub(super) outputs: [Switched; OUTPUTS],
 }
 
-pub(super) static mut EDGE: Edge = Edge { at: 0, port: core::ptr::null_mut(), set: 0, keep: 0 };
+pub(super) static mut EDGE: Edge = Edge { at: 0, port: 0, set: 0, keep: 0 };
 
 pub(super) static mut SCHEDULE: Schedule = Schedule {
     event: Event::Begin,
     slot: 0,
     slots: 0,
-    change: Moment::NONE,
+    change: Moment { at: 0, compare: 0 },
     timer0: 0,
     phase: 0,
     period: 0,
-    outputs: [Switched { port: core::ptr::null_mut(), mask: 0, rise: Moment::NONE, before: 0 };
-        OUTPUTS],
 };
 
-/// The ends of the pulses, in two sets: see the module. An output whose pulse ends at 0 has none.
-pub(super) type Falls = [Moment; OUTPUTS];
-pub(super) static mut FALLS: [Falls; 2] = [[Moment::NONE; OUTPUTS]; 2];
+/// The widths of the pulses, in two sets: see the module. 0 is no pulse.
+pub(super) type Widths = [Ticks; OUTPUTS];
+pub(super) static mut WIDTHS: [Widths; 2] = [[0; OUTPUTS]; 2];
 /// The set that the handler uses.
-pub(super) static mut USED: *const Falls = core::ptr::null();
+pub(super) static mut USED: *const Widths = core::ptr::null();
 /// What the other set is. A byte, which one instruction reads or writes.
 pub(super) static mut OTHER: u8 = OLD;
 
@@ -192,11 +170,11 @@ global_asm!(
     "    cpc  r25, r23",
     "    brsh 5f",
     "2:  lds  r30, {edge}+2",
-    "    lds  r31, {edge}+3",
+    "    ldi  r31, 0",
     "    ld   r23, Z",
-    "    lds  r24, {edge}+4",
+    "    lds  r24, {edge}+3",
     "    or   r23, r24",
-    "    lds  r24, {edge}+5",
+    "    lds  r24, {edge}+4",
     "    and  r23, r24",
     "    cpi  r25, {late}",
     "    brsh 4f",
@@ -250,7 +228,7 @@ extern "C" fn go_on() {
     // Safety: after `start` only this function and the handler use these, and the handler is
     // disabled.
     let (schedule, edge) = unsafe { (&mut *schedule, &mut *edge) };
-    let Moment { at, compare, .. } = schedule.advance(edge);
+    let Moment { at, compare } = schedule.advance(edge);
     edge.at = at;
     let mut compare = plus(compare, schedule.timer0);
     if compare == TIMER0_TOP {
@@ -284,19 +262,6 @@ pub(super) fn plus(a: u8, b: u8) -> u8 {
     if a >= room { a.wrapping_sub(room) } else { a.wrapping_add(b) }
 }
 
-/// Ticks of Timer0 in the longest pulse, modulo its period. A remainder takes 200 cycles, this
-/// takes 15.
-pub(super) fn modulo_of_pulse(mut ticks: u16) -> u8 {
-    const PERIOD: u16 = TIMER0_PERIOD as u16;
-    const { assert!(SLOT / TICKS_OF_TIMER0 < 3 * PERIOD) };
-    if ticks >= 2 * PERIOD {
-        ticks -= 2 * PERIOD;
-    } else if ticks >= PERIOD {
-        ticks -= PERIOD;
-    }
-    ticks as u8
-}
-
 /// Ticks of Timer0 modulo its period. There are at most 5,000 of them in a period of Timer1, 20 ms.
 pub(super) fn modulo(mut ticks: u16) -> u8 {
     while ticks >= TIMER0_PERIOD.into() {
@@ -305,18 +270,38 @@ pub(super) fn modulo(mut ticks: u16) -> u8 {
     ticks as u8
 }
 
+/// Offset of PORTx in the registers of a port; PINx is the first.
+const PORTX: u8 = 2;
+
+/// The address of PORTx of an output, and the mask of its pin.
+#[inline(always)]
+pub(super) fn pin(output: usize) -> (u8, u8) {
+    let at = 2 * (output % OUTPUTS) as u16;
+    let first = match Progmem::<OutputPins>::byte(Image, at) {
+        b'B' => PORTB::PTR.addr(),
+        b'C' => PORTC::PTR.addr(),
+        _ => PORTD::PTR.addr(),
+    };
+    (first as u8 + PORTX, Progmem::<OutputPins>::byte(Image, at + 1))
+}
+
+/// The register with this address.
+#[inline(always)]
+pub(super) fn register(address: u8) -> *mut u8 {
+    core::ptr::with_exposed_provenance_mut(address.into())
+}
+
 impl Schedule {
     /// Goes on to the next event. Returns its time.
     fn advance(&mut self, edge: &mut Edge) -> Moment {
         // Safety: `start` has set the pointer to one of two statics. The main loop writes to the
         // other one only.
-        let falls = unsafe { &*(&raw const USED).read() };
+        let widths = unsafe { &*(&raw const USED).read() };
         if self.event == Event::Rise {
-            let slot = usize::from(self.slot) % OUTPUTS;
             self.event = Event::Fall;
+            edge.keep = !edge.set;
             edge.set = 0;
-            edge.keep = !self.outputs[slot].mask;
-            return falls[slot];
+            return self.moment_of_slot(widths[usize::from(self.slot) % OUTPUTS]);
         }
         // An event without an edge changes no bit.
         edge.set = 0;
@@ -327,23 +312,23 @@ impl Schedule {
                 self.event = Event::Begin;
                 self.slot = 0;
                 self.timer0 = plus(self.timer0, self.period);
-                return self.moment(BEGIN_AT);
+                return self.moment_of_slot(BEGIN_AT);
             }
             Event::Begin | Event::Rise | Event::Fall => {}
         }
+        let mut width = widths.as_ptr().wrapping_add(self.slot.into());
         loop {
             self.slot += 1;
+            width = width.wrapping_add(1);
             if self.slot >= self.slots {
                 self.event = Event::Change;
                 return self.change;
             }
-            let slot = usize::from(self.slot) % OUTPUTS;
-            if falls[slot].at != 0 {
-                let output = &self.outputs[slot];
+            // Safety: `slots` is at most the number of widths in a set.
+            if unsafe { *width } != 0 {
                 self.event = Event::Rise;
-                edge.port = output.port;
-                edge.set = output.mask;
-                return output.rise;
+                (edge.port, edge.set) = pin(self.slot.into());
+                return self.moment_of_slot(0);
             }
         }
     }
@@ -351,13 +336,38 @@ impl Schedule {
     /// A time in the period. The flag is set when the tick of Timer0 with the number of OCR0B ends.
     pub(super) fn moment(&self, at: Ticks) -> Moment {
         let ticks = at.wrapping_sub(LEAD + u16::from(self.phase)) / TICKS_OF_TIMER0;
-        Moment::new(at, modulo(ticks.wrapping_sub(1)))
+        Moment { at, compare: modulo(ticks.wrapping_sub(1)) }
+    }
+
+    /// The time `after` ticks, at most a slot, from the beginning of the current slot. It is equal
+    /// to that of [`moment`](Self::moment), whose division takes 200 cycles.
+    #[inline(never)]
+    fn moment_of_slot(&self, after: Ticks) -> Moment {
+        const PERIOD: u16 = TIMER0_PERIOD as u16;
+        /// Ticks of Timer0 from BOTTOM to an odd slot, modulo its period. An even slot has 0.
+        const ODD: u8 = (SLOT / TICKS_OF_TIMER0 % PERIOD) as u8;
+        const {
+            assert!(SLOT % TICKS_OF_TIMER0 == 0 && 2 * SLOT / TICKS_OF_TIMER0 % PERIOD == 0);
+            assert!(SLOT / TICKS_OF_TIMER0 + PERIOD < 4 * PERIOD);
+        }
+        // A period of Timer0 more, so that the difference is not negative.
+        let since = after + (PERIOD * TICKS_OF_TIMER0 - LEAD) - u16::from(self.phase);
+        let mut ticks = since / TICKS_OF_TIMER0;
+        if ticks >= 2 * PERIOD {
+            ticks -= 2 * PERIOD;
+        }
+        if ticks >= PERIOD {
+            ticks -= PERIOD;
+        }
+        let before = if self.slot & 1 == 0 { TIMER0_PERIOD - 1 } else { ODD - 1 };
+        let at = u16::from(self.slot) * SLOT + after;
+        Moment { at, compare: plus(ticks as u8, before) }
     }
 }
 
 /// The set that the handler does not use.
-pub(super) fn other_falls() -> *mut Falls {
-    let first = (&raw mut FALLS).cast::<Falls>();
+pub(super) fn other_widths() -> *mut Widths {
+    let first = (&raw mut WIDTHS).cast::<Widths>();
     // Safety: the pointer is to a static. The handler changes it only while `OTHER` is `NEW` or
     // `KEPT`; the callers are the handler, and the main loop after it has made it `INCOMPLETE`. So
     // no interrupt comes between the reads of the two bytes of a value that changes.
@@ -378,9 +388,9 @@ pub(super) fn change() {
             return;
         }
         (&raw mut OTHER).write_volatile(OLD);
-        let other = other_falls();
+        let other = other_widths();
         (&raw mut USED).write_volatile(other);
-        (*other)[0].at
+        (*other)[0]
     };
     timer1::set_width(&tc1(), width);
 }
@@ -399,5 +409,8 @@ pub fn finish() {
         turns -= 1;
     }
     // Safety: the port is PORTx of an output, and nothing interrupts.
-    unsafe { edge.port.write_volatile(edge.port.read_volatile() & edge.keep) };
+    unsafe {
+        let port = register(edge.port);
+        port.write_volatile(port.read_volatile() & edge.keep);
+    }
 }
