@@ -1,6 +1,7 @@
 """The DroneCAN GUI Tool shows what the node measures: its own program, without a screen.
 
 The tool has no panel for batteries and shafts. Its subscriber's window shows every message.
+"make .venv/gui" installs it.
 """
 
 import os
