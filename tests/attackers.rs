@@ -115,6 +115,50 @@ impl Hub {
     }
 }
 
+// ---- transfers of several frames ----
+
+/// A node completes a list and begins one of each of two types just before each list of the
+/// autopilot. It could take both lanes for lists, and keep all the autopilot's out.
+#[test]
+fn a_node_that_takes_both_lanes_before_each_list_breaks_at_most_every_other() {
+    let mut hub = Hub::with_motors(1);
+    let others = [(9, 0, 0.0); 15];
+    let long_list = |hub: &mut Hub, us, transfer_id| {
+        let entries: Vec<_> = (1..=15).map(|id| (id, PWM, us)).collect();
+        for data in array_command(&entries, transfer_id) {
+            hub.rig.send(ARRAY_COMMAND | AUTOPILOT, &data);
+        }
+    };
+    long_list(&mut hub, 1_100.0, 31);
+    hub.rig.run_ms(20);
+    let mut count = 0;
+    let widths = (0..150).map(|n| 1_100.0 + 5.0 * n as f32);
+    for (us, transfer_id) in widths.zip((0..32).cycle()) {
+        // These end what it began before.
+        hub.raw_command(OTHER, &[0; 8]);
+        for data in array_command(&others[..2], transfer_id) {
+            hub.rig.send(ARRAY_COMMAND | OTHER, &data);
+        }
+        let first = &array_command(&others, (transfer_id + 1) % 32)[0];
+        hub.rig.send(ARRAY_COMMAND | OTHER, first);
+        hub.rig.send(RAW_COMMAND | OTHER, &[0, 0, 1, 0, 0, 2, 0, 0x80 | transfer_id]);
+        hub.rig.run_ms(2);
+        long_list(&mut hub, us, transfer_id);
+        hub.rig.run_ms(18);
+        let pulses = hub.pulses();
+        if us < 1_200.0 {
+            continue;
+        }
+        // A pulse may have begun before the last list.
+        count += pulses[1..].iter().flatten().count();
+        for pulse in pulses[1..].iter().flatten() {
+            let followed_us = pulse.width_us();
+            assert!(followed_us >= f64::from(us) - 16.0, "{followed_us} us after {us}");
+        }
+    }
+    assert!(count > 7 * 120, "{count} pulses");
+}
+
 // ---- rights of nodes that do not command the output ----
 
 #[test]

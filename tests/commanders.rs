@@ -4,6 +4,8 @@ use bench::can::Frame;
 use rig::status::{DISARMED, OK, TWO_COMMANDERS, WARNING};
 use rig::{ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
 
+const PWM: u8 = 4;
+
 /// A command in one frame from node `source`.
 fn command_from(rig: &mut Rig, source: u32, actuator: u8, value: f32) {
     let frames = array_command(&[(actuator, 0, value)], 0);
@@ -103,4 +105,35 @@ fn while_disarmed_a_command_does_not_move_the_servo() {
     command_together(&mut rig, &[(10, 1)], 500);
     assert_eq!(rig.pulses, []);
     rig.wait_for_line("refused: command from 10 tid 0, disarmed", 50);
+}
+
+/// A node completes a list and begins another just before each list of the commander. With one lane
+/// for lists it could keep all of them out.
+#[test]
+fn a_node_that_begins_a_list_before_each_of_the_commander_s_breaks_at_most_every_other() {
+    let mut rig = Rig::running();
+    let long_list = |rig: &mut Rig, us, transfer_id| {
+        let mut entries = [(2, PWM, 1_500.0); 15];
+        entries[0] = (1, PWM, us);
+        for data in array_command(&entries, transfer_id) {
+            rig.send(ARRAY_COMMAND | 60, &data);
+        }
+        rig.run_ms(19);
+    };
+    long_list(&mut rig, 1_100.0, 31);
+    let widths = (0..150).map(|n| 1_100.0 + 5.0 * n as f32);
+    for (us, transfer_id) in widths.zip((0..32).cycle()) {
+        let next_id = (transfer_id + 1) % 32;
+        let first = array_command(&[(9, 0, 0.0); 15], next_id).swap_remove(0);
+        for data in array_command(&[(9, 0, 0.0); 2], transfer_id).into_iter().chain([first]) {
+            rig.send(ARRAY_COMMAND | 10, &data);
+        }
+        rig.run_ms(1);
+        long_list(&mut rig, us, transfer_id);
+        // A pulse may have begun before the last list.
+        if us >= 1_200.0 {
+            let followed_us = rig.pulses.last().expect("a pulse").width_us();
+            assert!(followed_us >= f64::from(us) - 16.0, "{followed_us} us after {us}");
+        }
+    }
 }

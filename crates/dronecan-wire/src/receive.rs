@@ -18,10 +18,11 @@
 //!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
 //! * A transfer keeps its lane for at least 3 ms and at most 4 ms after each frame. But it gives it
 //!   up at once to a sender whose last multi-frame transfer was complete if that of its own sender
-//!   was not. If neither was, one first frame in 16 gets the lane at once.
+//!   was not, or if its own sender completed one last of all. If neither's was complete, one first
+//!   frame in 16 gets the lane at once.
 //! * So a sender that begins transfers and never completes one does not keep out a sender that
-//!   completes its transfers. A sender that does both keeps another out for 4 ms at most, once for
-//!   each transfer that it completes.
+//!   completes its transfers. A sender that does both keeps a commander out of at most every other
+//!   list of 50 Hz: see the module `trust`.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
 //!   the last one. The receiver ignores any other frame that is not a first frame: either it came
 //!   twice, or its transfer was lost and reported before.
@@ -258,25 +259,22 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
                 return Verdict::Rejected(Rejection::Malformed);
             }
             if !tail.is_end() {
-                let &[low, high, ref rest @ ..] = payload else {
+                let Some((crc, rest)) = payload.split_first_chunk() else {
                     return Verdict::Rejected(Rejection::Malformed);
                 };
                 payload = rest;
-                let trusted = self.trust.replace(source, 0);
                 if lane.is_open {
                     verdict = Verdict::Rejected(Rejection::Broken);
                     if lane.source != source || K::LANE_FOR_EACH_TYPE && lane.kind != kind {
                         verdict = Verdict::Rejected(Rejection::Interleaved);
-                        if lane.is_held(expires_ms)
-                            && self.trust.keeps(lane.trusted, trusted | inherited)
-                        {
-                            self.trust.replace(source, trusted);
+                        if self.trust.keeps(lane, source, inherited, expires_ms as u8) {
                             return verdict;
                         }
                     }
                 }
-                lane.trusted = trusted | inherited;
-                lane.crc = [low, high];
+                let stamp = self.trust.take(source, expires_ms as u8);
+                lane.stamp = if stamp != 0 { stamp } else { inherited };
+                lane.crc = *crc;
                 lane.sum = kind.seed();
             }
             lane.begin(kind, source, priority);
@@ -302,7 +300,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
             if lane.sum.to_le_bytes() != lane.crc {
                 return Verdict::Rejected(Rejection::Broken);
             }
-            self.trust.replace(lane.source, 0xFF);
+            self.trust.complete(source);
         }
         if entry_len != 0 {
             if lane.len != 0 || lane.entries > kind.most_entries() {
@@ -315,9 +313,9 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
 }
 
 /// Returns the lane of the transfer that this frame continues or begins again; else, for a first
-/// frame, the lane that is free or is given up most readily. With it the trust that the sender has
-/// because of another transfer that it is sending. `expires_ms`: when a transfer would expire whose
-/// frame came now.
+/// frame, the lane that is free or is given up most readily. With it the stamp of another transfer
+/// that the sender is sending, or 0. `expires_ms`: when a transfer would expire whose frame came
+/// now.
 #[inline(always)]
 fn lane<K: Received, const KEPT: usize>(
     lanes: &mut [Transfer<K, KEPT>],
@@ -339,7 +337,7 @@ fn lane<K: Received, const KEPT: usize>(
             if !K::LANE_FOR_EACH_TYPE || lane.kind == kind {
                 return Some((lane, 0));
             }
-            inherited |= lane.trusted;
+            inherited |= lane.stamp;
         }
         let hold = lane.hold(expires_ms);
         if is_start && hold < least {

@@ -10,6 +10,7 @@ use crate::types;
 mod lanes;
 mod payload;
 mod rejected;
+mod search;
 mod simulation;
 mod trusted;
 

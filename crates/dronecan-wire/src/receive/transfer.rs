@@ -37,8 +37,9 @@ const NOWHERE: u8 = 0x80;
 pub struct Transfer<K, const KEPT: usize> {
     /// The transfer is not complete.
     pub(super) is_open: bool,
-    /// See [`Trust`](super::Trust): not 0 if the sender was trusted when the transfer began.
-    pub(super) trusted: u8,
+    /// See [`Trust::take`](super::Trust::take): when the transfer began, or 0 if the sender was not
+    /// trusted.
+    pub(super) stamp: u8,
     /// The type of the transfer.
     pub kind: K,
     /// Node ID of the sender, or 0 if the sender is anonymous.
@@ -83,7 +84,7 @@ pub(super) enum Hold {
 impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     pub(super) const NONE: Self = Self {
         is_open: false,
-        trusted: 0,
+        stamp: 0,
         kind: K::UNKNOWN,
         source: 0,
         priority: 0,
@@ -149,7 +150,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     /// `expires_ms`: when a transfer would expire whose frame came now.
     #[inline(always)]
     pub(super) fn is_held(&self, expires_ms: u16) -> bool {
-        self.is_open && expires_ms.wrapping_sub(self.expires_ms) < HOLD_MS
+        self.is_open && expires_ms.wrapping_sub(self.expires_ms) < u16::from(HOLD_MS)
     }
 
     /// How readily the transfer gives up its lane.
@@ -158,7 +159,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         match self.is_held(expires_ms) {
             _ if !self.is_open => Hold::Free,
             false => Hold::Idle,
-            true if self.trusted == 0 => Hold::Held,
+            true if self.stamp == 0 => Hold::Held,
             true => Hold::Trusted,
         }
     }

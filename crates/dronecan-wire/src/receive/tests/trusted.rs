@@ -119,7 +119,41 @@ fn a_sender_that_loses_a_transfer_is_trusted_no_longer_until_it_completes_one() 
         lose(&mut rig);
         assert_eq!(who_completes(&mut rig, A, B, 0), B, "{name}");
         assert!(rig.all(&list(A)).is_some());
+        assert!(rig.all(&list(B)).is_some());
         assert_eq!(who_completes(&mut rig, A, B, 0), A, "{name}, then complete");
+    }
+}
+
+#[test]
+fn of_two_trusted_senders_the_one_that_completed_a_list_last_gives_up_its_lane() {
+    let mut rig = rig(&[B, A]);
+    // The one that gives it up is still trusted, so they take turns.
+    for _ in 0..10 {
+        assert_eq!(who_completes(&mut rig, A, B, 0), B);
+        assert_eq!(who_completes(&mut rig, A, B, 0), A);
+    }
+    assert_eq!(who_completes(&mut rig, B, A, 0), B);
+}
+
+/// A frame each millisecond, and more than any list has.
+#[test]
+fn a_trusted_sender_keeps_its_lane_against_another_for_17_to_18_milliseconds() {
+    let long = command(A, 1, &[(1, 0, 1); 15]);
+    for start_ms in [0, 1, 200, 237, 65_520, 65_533] {
+        for after_ms in 0..=200 {
+            let mut rig = rig(&[A, B]);
+            rig.now_ms = start_ms;
+            assert_eq!(rig.rejects(&long[0]), None);
+            for n in (0..after_ms).map(|n| 1 + n % 2) {
+                rig.now_ms = rig.now_ms.wrapping_add(1);
+                assert_eq!(rig.frame(&long[n]), None);
+            }
+            // A completed its last list before B.
+            assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved));
+            let is_kept = rig.receiver.lists[0].source == A as u8;
+            let expected = after_ms < 17 + usize::from(start_ms % 2 == 0);
+            assert_eq!(is_kept, expected, "{after_ms} ms after {start_ms}");
+        }
     }
 }
 
@@ -161,7 +195,7 @@ fn of_senders_that_are_not_trusted_one_in_sixteen_gets_the_lane() {
 /// A node with a lane for each type and sender, which takes entries whole and leaves the text of a
 /// GetSet out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Each(Kind);
+pub(super) struct Each(pub(super) Kind);
 
 impl Received for Each {
     const UNKNOWN: Self = Self(Kind::Unknown);
