@@ -106,11 +106,12 @@ macro_rules! received {
                 Self::Unknown
             }
 
-            /// [`seed`](Self::seed) of the number without `LONG`.
+            /// The initial CRC of a transfer of several frames, also of the response. 0 if no
+            /// transfer has more than one frame.
             #[inline(never)]
-            const fn seed_of(space_and_id: u16) -> u16 {
+            pub const fn seed(self) -> u16 {
                 $($(#[cfg($if)] if received!(@has_seed $form $behind)
-                    && space_and_id == received!(@number $space $type)
+                    && self as u16 == Self::$kind as u16
                 {
                     return $type.seed;
                 })*)*
@@ -168,7 +169,7 @@ macro_rules! received {
                 let is_request = transfer.kind.is_request();
                 $($(#[cfg($if)] if received!(@is_request $space)
                     && is_request
-                    && transfer.kind as u8 == $type.id as u8
+                    && transfer.kind as u16 == Kind::$kind as u16
                 {
                     return received!(@first ($($action),+)(self, transfer, context));
                 })*)*
@@ -190,7 +191,7 @@ macro_rules! received {
                 context: &mut Response<C, P>,
             ) -> bool {
                 $($(#[cfg($if)] if received!(@is_request $space)
-                    && request.service == $type.id as u8
+                    && request.kind as u16 == Kind::$kind as u16
                 {
                     return received!(@last ($($action),+)(self, request, context));
                 })*)*
@@ -330,19 +331,6 @@ impl Kind {
             return LONG | self as u16 & VENDOR_ID;
         }
         self as u16 & ID
-    }
-
-    /// The initial CRC of a transfer of several frames, also of the response. 0 if no transfer has
-    /// more than one frame.
-    #[inline(always)]
-    pub const fn seed(self) -> u16 {
-        Self::seed_of(self as u16 & !LONG)
-    }
-
-    /// The same for the response of a service.
-    #[inline(always)]
-    pub const fn response_seed(service: u8) -> u16 {
-        Self::seed_of(REQUEST | service as u16)
     }
 
     /// True for a request to this node.

@@ -44,8 +44,8 @@ const ERROR_INVALID_MODE: u8 = 1;
 /// A request that waits for its response.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Pending {
-    /// The ID of the service.
-    pub service: u8,
+    /// The service.
+    pub kind: Kind,
     to: u8,
     priority: u8,
     transfer_id: u8,
@@ -70,7 +70,7 @@ pub struct Response<'a, C, P> {
 
 impl Pending {
     const NONE: Self =
-        Self { service: 0, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
+        Self { kind: Kind::Unknown, to: 0, priority: 0, transfer_id: 0, argument: 0, value: 0 };
 }
 
 /// The pending requests.
@@ -121,14 +121,12 @@ impl Services {
     #[inline(always)]
     pub fn add(&mut self, request: &Transfer, argument: u8, value: u16) {
         let pending = self.place(self.count);
-        *pending = Pending {
-            service: request.kind.id() as u8,
-            to: request.source,
-            priority: request.priority,
-            transfer_id: request.transfer_id(),
-            argument,
-            value,
-        };
+        pending.kind = request.kind;
+        pending.to = request.source;
+        pending.priority = request.priority;
+        pending.transfer_id = request.transfer_id();
+        pending.argument = argument;
+        pending.value = value;
         self.count += 1;
     }
 
@@ -145,11 +143,13 @@ impl Services {
     /// Removes the oldest request: the last frame of its response was handed over.
     #[inline(always)]
     pub fn responded(&mut self, now_ms: u16) {
-        let &mut Pending { service, argument, .. } = self.place(0);
+        let &mut Pending { kind, argument, .. } = self.place(0);
         self.count -= 1;
         self.first = (self.first + 1) % WAITING as u8;
-        let restarts = is(service, Kind::RestartNode) && argument != 0
-            || is(service, Kind::BeginFirmwareUpdate) && Verdict::is_accepted(argument);
+        let restarts = match kind {
+            Kind::RestartNode => argument != 0,
+            kind => is(kind, Kind::BeginFirmwareUpdate) && Verdict::is_accepted(argument),
+        };
         if restarts && !self.is_to_restart {
             self.is_to_restart = true;
             self.responded_ms = now_ms;
@@ -170,10 +170,10 @@ impl Services {
     }
 }
 
-/// True if a service is `wanted`, which the build may leave out.
+/// True if a kind is `wanted`, which the build may leave out.
 #[inline(always)]
-fn is(service: u8, wanted: Kind) -> bool {
-    wanted != Kind::Unknown && service == wanted.id() as u8
+fn is(kind: Kind, wanted: Kind) -> bool {
+    wanted != Kind::Unknown && kind == wanted
 }
 
 impl Default for Services {
@@ -199,9 +199,9 @@ impl Node {
             return false;
         }
         self.sending = Sending::Response;
-        let Pending { service, to, priority, transfer_id, .. } = pending;
-        let id = Id::response(priority, service, to, self.id);
-        self.outgoing.begin(id.to_bytes(), transfer_id, Kind::response_seed(service));
+        let Pending { kind, to, priority, transfer_id, .. } = pending;
+        let id = Id::response(priority, kind.id() as u8, to, self.id);
+        self.outgoing.begin(id.to_bytes(), transfer_id, kind.seed());
         true
     }
 }
