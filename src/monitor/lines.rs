@@ -98,7 +98,8 @@ impl Monitor {
         Some(self.log_line(line))
     }
 
-    fn is_full(&self) -> bool {
+    /// True if the queue is full, so that [`log_frame`](Self::log_frame) would drop a line.
+    pub fn is_full(&self) -> bool {
         self.waiting == QUEUE_LEN as u8 - 1
     }
 

@@ -346,7 +346,13 @@ impl Node {
     /// Follows the next entry of a command, and counts and logs it.
     #[inline(always)]
     pub fn follow_next(&mut self, now_ms: u16, monitor: &mut Monitor, board: &mut impl Pulses) {
-        let followed = self.outputs.follow_next(&mut self.note, now_ms, &self.parameters, board);
+        let followed = self.outputs.follow_next(
+            &mut self.note,
+            now_ms,
+            &self.parameters,
+            monitor.is_full(),
+            board,
+        );
         if followed.line.is_refusal() {
             count(&mut self.health.counts.refused);
         }

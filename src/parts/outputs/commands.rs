@@ -207,6 +207,7 @@ impl Outputs {
         event: &mut Event,
         now_ms: u16,
         parameters: &Parameters,
+        is_monitor_full: bool,
         board: &mut impl Pulses,
     ) -> Followed {
         let (output, bit) = self.next_waiting();
@@ -224,11 +225,10 @@ impl Outputs {
         let (mut commander, mut is_second) = (0, false);
         if line == Line::NONE {
             let before = self.each[place(output)].pulse();
-            if arming::IS_BY_SOURCE {
-                let followed = &mut self.each[place(output)];
-                is_second = followed.commander != source
-                    && followed.commander != 0
-                    && followed.has_followed_within(SECOND_MS, now_ms);
+            let followed = &mut self.each[place(output)];
+            if arming::IS_BY_SOURCE && followed.commander != source {
+                is_second =
+                    followed.commander != 0 && followed.has_followed_within(SECOND_MS, now_ms);
                 followed.commander = source;
                 self.commander_bits |= super::bit(source.into());
             }
@@ -239,8 +239,10 @@ impl Outputs {
             board.set(output, pulse);
             self.hears_commands = false;
             self.failing &= !bit;
-            event.set_a(unit.logged(value));
-            event.set_b(pulse);
+            if !is_monitor_full {
+                event.set_a(unit.logged(value));
+                event.set_b(pulse);
+            }
             if OUTPUTS == 1 || self.firsts & bit != 0 {
                 commander = source;
                 line = unit.line();
@@ -265,9 +267,9 @@ impl Outputs {
         if OUTPUTS == 1 {
             return (0, 1);
         }
-        let (mut output, mut bit) = (usize::from(self.next), bit(self.next.into()));
+        let (mut output, mut bit) = self.last;
         for _ in 0..OUTPUTS {
-            output += 1;
+            output = output.wrapping_add(1);
             bit <<= 1;
             if bit == 0 {
                 (output, bit) = (0, 1);
@@ -276,7 +278,7 @@ impl Outputs {
                 break;
             }
         }
-        self.next = output as u8;
-        (output, bit)
+        self.last = (output, bit);
+        (output.into(), bit)
     }
 }

@@ -108,8 +108,8 @@ pub struct Outputs {
     logged: u8,
     /// Seconds that the outputs are in use since the last followed command. For updates.
     recent_s: u8,
-    /// The output to look at next for an entry that waits.
-    next: u8,
+    /// The output that has followed an entry last, and its bit.
+    last: (u8, u8),
     /// Outputs in failsafe: bit n is output n.
     failing: u8,
     /// `failing` when it was reported last.
@@ -152,7 +152,7 @@ impl Outputs {
             firsts: 0,
             logged: 0,
             recent_s: 0,
-            next: 0,
+            last: (0, 0),
             failing: 0,
             reported: 0,
             telemetry: 0,

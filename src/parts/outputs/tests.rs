@@ -43,7 +43,7 @@ impl Rig {
         let mut event = Event::new(Line::Running);
         while self.outputs.has_entry() {
             let (parameters, servos) = (&self.parameters, &mut self.servos);
-            line = self.outputs.follow_next(&mut event, self.now_ms, parameters, servos).line;
+            line = self.outputs.follow_next(&mut event, self.now_ms, parameters, false, servos).line;
         }
         (line, event)
     }
