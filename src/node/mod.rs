@@ -360,7 +360,9 @@ impl Node {
             count(&mut self.health.counts.followed);
             self.commanded_by(source, followed.is_second, monitor);
         }
-        self.log_note(followed.line, monitor);
+        if followed.line != Line::NONE {
+            self.log_note(followed.line, monitor);
+        }
         self.end_failsafe(monitor);
     }
 

@@ -71,16 +71,16 @@ impl Node {
         } else if transfer.kind.is_request() {
             self.services.add(transfer, argument, value);
         }
-        self.log_note(line, monitor);
+        if line != Line::NONE {
+            self.log_note(line, monitor);
+        }
     }
 
     /// Logs a line with the values of the note.
     #[inline(never)]
     pub(super) fn log_note(&mut self, line: Line, monitor: &mut Monitor) {
         self.note.set_line(line);
-        if line != Line::NONE
-            && let Some(event) = monitor.log_frame(line)
-        {
+        if let Some(event) = monitor.log_frame(line) {
             *event = self.note;
         }
     }

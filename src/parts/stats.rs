@@ -7,19 +7,29 @@ use crate::node::health::CanCounters;
 /// Transfers since the start, modulo 2^32.
 #[derive(Default)]
 pub struct Stats {
-    sent: u32,
-    received: u32,
-    broken: u32,
+    sent: Count,
+    received: Count,
+    broken: Count,
 }
 
-/// Increments a counter.
-#[inline(never)]
-fn count(counter: &mut u32) {
-    // In halves, as there is seldom a carry: on a full bus every cycle of a frame counts.
-    let (low, has_carry) = (*counter as u16).overflowing_add(1);
-    *counter = *counter & 0xFFFF_0000 | u32::from(low);
-    if has_carry {
-        *counter = counter.wrapping_add(1 << 16);
+/// A counter modulo 2^32, in halves, as there is seldom a carry: on a full bus every cycle of a
+/// frame counts.
+#[derive(Default)]
+struct Count {
+    low: u16,
+    high: u16,
+}
+
+impl Count {
+    fn count(&mut self) {
+        self.low = self.low.wrapping_add(1);
+        if self.low == 0 {
+            self.high = self.high.wrapping_add(1);
+        }
+    }
+
+    fn get(&self) -> u32 {
+        u32::from(self.high) << 16 | u32::from(self.low)
     }
 }
 
@@ -30,34 +40,38 @@ pub const LEN: u8 = 6 * 6;
 impl Stats {
     /// No transfer yet.
     pub const fn new() -> Self {
-        Self { sent: 0, received: 0, broken: 0 }
+        const NONE: Count = Count { low: 0, high: 0 };
+        Self { sent: NONE, received: NONE, broken: NONE }
     }
 
     /// Counts a transfer that was received complete.
+    #[inline(always)]
     pub fn count_received(&mut self) {
-        count(&mut self.received);
+        self.received.count();
     }
 
     /// Counts a transfer that was sent complete.
+    #[inline(never)]
     pub fn count_sent(&mut self) {
-        count(&mut self.sent);
+        self.sent.count();
     }
 
     /// Counts a broken transfer.
+    #[inline(never)]
     pub fn count_broken(&mut self) {
-        count(&mut self.broken);
+        self.broken.count();
     }
 
     /// Broken transfers, modulo 65,536.
     pub fn broken(&self) -> u16 {
-        self.broken as u16
+        self.broken.low
     }
 
     /// Puts the lower 32 bits of each counter of GetTransportStats.
     pub fn put_transport(&self, counters: &impl CanCounters, mut put: impl FnMut(u32)) {
-        put(self.sent);
-        put(self.received);
-        put(self.broken);
+        put(self.sent.get());
+        put(self.received.get());
+        put(self.broken.get());
         for counter in [Counter::TxRequests, Counter::RxReceived, Counter::RxErrors] {
             let [low, high] = counter.words().map(|n| counters.word(n));
             put(u32::from(high) << 16 | u32::from(low));
