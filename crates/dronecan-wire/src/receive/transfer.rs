@@ -243,13 +243,17 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                 }
                 run = run.min(entry_len - len);
             }
-            let Some((taken, later)) = rest.split_at_checked(usize::from(run)) else { break };
-            rest = later;
-            let places = self.bytes.get_mut(usize::from(kept_at.wrapping_add(len))..);
-            for (place, byte) in places.unwrap_or(&mut []).iter_mut().zip(taken) {
-                *place = *byte;
-            }
+            let mut at = kept_at.wrapping_add(len);
             len = len.saturating_add(run);
+            while run != 0 {
+                let Some((&byte, later)) = rest.split_first() else { break };
+                rest = later;
+                if let Some(place) = self.bytes.get_mut(usize::from(at)) {
+                    *place = byte;
+                }
+                at = at.wrapping_add(1);
+                run = run.wrapping_sub(1);
+            }
             if len == entry_len {
                 len = 0;
                 self.entries = self.entries.wrapping_add(1);
