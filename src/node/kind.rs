@@ -165,7 +165,13 @@ macro_rules! received {
                 transfer: &Transfer,
                 context: &mut Context<P>,
             ) -> Line {
-                // Two searches: a command must not wait for those of the requests.
+                // Three searches: commands must not wait for those of the other messages, nor
+                // messages for those of the requests.
+                $($(#[cfg($if)] if received!(@is_first $form)
+                    && transfer.kind as u16 == Kind::$kind as u16
+                {
+                    return received!(@first ($($action),+)(self, transfer, context));
+                })*)*
                 let is_request = transfer.kind.is_request();
                 $($(#[cfg($if)] if received!(@is_request $space)
                     && is_request
@@ -174,6 +180,7 @@ macro_rules! received {
                     return received!(@first ($($action),+)(self, transfer, context));
                 })*)*
                 $($(#[cfg($if)] if !received!(@is_request $space)
+                    && !received!(@is_first $form)
                     && !is_request
                     && transfer.kind as u16 == Kind::$kind as u16
                 {
@@ -212,6 +219,9 @@ macro_rules! received {
     (@is_vendor $space:ident) => { false };
     (@is_command command) => { true };
     (@is_command $form:ident) => { false };
+    (@is_first list) => { true };
+    (@is_first command) => { true };
+    (@is_first $form:ident) => { false };
     (@long short) => { 0 };
     (@long $form:ident) => { LONG };
     (@has_seed short short) => { false };
