@@ -99,6 +99,18 @@ fn the_payloads_equal_pydronecan_s() {
     assert_eq!(payload(&[8191, -8192, 0, 1, -1, 4096, 4660, 5461]), expected);
 }
 
+/// The receiver of ArrayCommand looks up the output of an entry, and must not find a motor.
+#[test]
+fn an_entry_with_the_id_of_a_servo_that_became_a_motor_leaves_the_others_alone() {
+    let mut node = Motors::new();
+    node.rig.send_commands(&[(1, PWM, 1200.0), (2, PWM, 1300.0)]);
+    node.rig.run_ms(25);
+    node.rig.set("OUT2_TYPE", 1);
+    node.rig.run_ms(25);
+    node.rig.send_commands(&[(1, PWM, 1400.0), (2, PWM, 1500.0), (3, PWM, 1600.0)]);
+    assert_eq!(node.widths_us()[..3], [Some(1400.0), None, Some(1600.0)]);
+}
+
 #[test]
 fn motors_follow_raw_commands_by_index_while_the_vehicle_is_armed() {
     let mut node = Motors::new();

@@ -98,6 +98,35 @@ fn outputs_with_the_same_id_follow_the_same_command_each_with_its_own_travel() {
 }
 
 #[test]
+fn while_ids_change_each_output_follows_the_entries_for_its_own() {
+    let mut rig = hub();
+    // The IDs of outputs 1 to 4: shared, taken from one before and from one after, and their own.
+    let steps: [[u8; 4]; 7] = [
+        [1, 2, 2, 2],
+        [1, 9, 2, 2],
+        [2, 9, 2, 2],
+        [2, 2, 2, 18],
+        [1, 2, 3, 4],
+        [4, 3, 2, 1],
+        [17, 17, 1, 1],
+    ];
+    let mut before = [1, 2, 3, 4];
+    for ids in steps {
+        for output in 0..4 {
+            if ids[output] != before[output] {
+                rig.set(&format!("OUT{}_ID", output + 1), i64::from(ids[output]));
+            }
+        }
+        before = ids;
+        rig.run_ms(20);
+        let width = |id: u8| 1000.0 + 10.0 * f32::from(id);
+        let entries: Vec<_> = [1, 2, 3, 4, 9, 17, 18].map(|id| (id, PWM, width(id))).to_vec();
+        rig.send_commands(&entries);
+        assert_eq!(widths_us(&mut rig)[..4], ids.map(|id| Some(width(id))), "{ids:?}");
+    }
+}
+
+#[test]
 fn by_default_one_output_is_in_use_and_the_other_pins_are_inputs() {
     const DDRB: u16 = 0x24;
     let mut rig = Rig::running();

@@ -39,15 +39,12 @@ impl Outputs {
             return line;
         }
         let (mut refusal, mut bit) = (Line::NONE, 1);
-        let (slots, mut kept) = (command.slots(), 0);
+        let (mut left, mut kept) = (command.slots(), 0);
         let (entries, _) = command.bytes().as_chunks::<{ Slot::LEN as usize }>();
-        // The bit of an output is that of its slot, unless it has that of an output before it.
-        let mut left = slots | self.sharing;
         for output in &mut self.each {
-            let slot = if OUTPUTS == 1 { Slot::new(0) } else { output.slot };
-            if left & 1 != 0 && slots & slot.bit != 0 {
-                let place = usize::from(slot.at / Slot::LEN) % entries.len();
-                let [id, number, low, high] = entries[place];
+            if left & 1 != 0 {
+                let at = if OUTPUTS == 1 { 0 } else { output.slot.at };
+                let [id, number, low, high] = entries[usize::from(at / Slot::LEN) % entries.len()];
                 let value = u16::from_le_bytes([low, high]);
                 // An entry that cannot be followed must not replace one that can. Of several
                 // outputs, one may have got another ID since the entry came.

@@ -88,8 +88,9 @@ pub struct Followed {
 /// compared directly.
 const LISTED: usize = if OUTPUTS > 1 { 16 } else { 0 };
 
-/// The slot of an output that follows no ArrayCommand.
-const NO_SLOT: Slot = Slot { at: 0, bit: 0 };
+/// The slot of an output that follows no ArrayCommand. (All bytes are 0, so that the outputs need no
+/// initial values in flash.)
+const NO_SLOT: Slot = Slot { at: 0, bits: 0 };
 
 /// The outputs.
 pub struct Outputs {
@@ -120,8 +121,6 @@ pub struct Outputs {
     updated: u8,
     /// The output whose commands and failsafe are looked at next.
     ticked: u8,
-    /// Outputs with the slot of an output before them: bit n is output n.
-    sharing: u8,
     /// A pulse changed without a command.
     is_stale: bool,
     /// True if an ArrayCommand came after the last followed command.
@@ -158,7 +157,6 @@ impl Outputs {
             telemetry: 0,
             updated: 0,
             ticked: 0,
-            sharing: 0,
             is_stale: false,
             hears_commands: false,
             listed: [0; LISTED],
@@ -226,20 +224,37 @@ impl Outputs {
             self.waiting &= !bit(n);
         }
         output.id = id;
-        if is_motor || is_relay {
-            output.slot = NO_SLOT;
-        } else if OUTPUTS > 1 {
-            // Outputs with the same ID have the same slot.
-            let own = Slot::new(n as u8);
-            let slot = self.search(id, n).unwrap_or(own);
-            self.sharing &= !own.bit;
-            if slot != own {
-                self.sharing |= own.bit;
+        if OUTPUTS > 1 {
+            self.update_slot(n, !is_motor && !is_relay, is_another);
+        }
+    }
+
+    /// Finds the slot of an output, which `has_slot` if it follows ArrayCommands. The first of the
+    /// outputs with the same ID has the slot, with the bits of all of them.
+    #[inline(always)]
+    fn update_slot(&mut self, n: usize, has_slot: bool, is_another: bool) {
+        let own = Slot::new(n as u8);
+        if is_another {
+            for output in &mut self.each {
+                output.slot.bits &= !own.bits;
             }
-            self.each[place(n)].slot = slot;
-            if let Some(listed) = self.listed.get_mut(usize::from(id % 16)) {
-                *listed = n as u8 + 1;
-            }
+            self.each[place(n)].slot = NO_SLOT;
+        }
+        if !has_slot {
+            return;
+        }
+        let id = self.each[place(n)].id;
+        if let Some(first) = self.search(id, n) {
+            let first = &mut self.each[place(first)];
+            first.slot.bits |= own.bits;
+            let at = first.slot.at;
+            self.each[place(n)].slot = Slot { at, ..own };
+            return;
+        }
+        let slot = &mut self.each[place(n)].slot;
+        *slot = Slot { at: own.at, bits: slot.bits | own.bits };
+        if let Some(listed) = self.listed.get_mut(usize::from(id % 16)) {
+            *listed = n as u8 + 1;
         }
     }
 
@@ -252,15 +267,17 @@ impl Outputs {
         }
         let listed = self.listed.get(usize::from(id % 16))?;
         let output = &self.each[place(listed.checked_sub(1)?.into())];
-        if output.id == id { Some(output.slot) } else { self.search(id, self.used()) }
+        if output.id == id && output.slot.bits != 0 {
+            return Some(output.slot);
+        }
+        self.search(id, OUTPUTS).map(|first| self.each[place(first)].slot)
     }
 
-    /// The slot of the first of `count` outputs that has this ID.
+    /// The first of `count` outputs that has this ID and a slot.
     #[inline(never)]
-    fn search(&self, id: u8, count: usize) -> Option<Slot> {
+    fn search(&self, id: u8, count: usize) -> Option<usize> {
         let mut outputs = self.each.iter().take(count);
-        let found = outputs.find(|output| output.id == id && output.slot != NO_SLOT)?;
-        Some(found.slot)
+        outputs.position(|output| output.id == id && output.slot.bits != 0)
     }
 
     /// The ID of the relay for the next hardpoint.Status, and true if it holds. `None` if there is

@@ -10,18 +10,18 @@ use crate::crc;
 pub struct Slot {
     /// Index of the entry's first byte in [`Transfer::bytes`].
     pub at: u8,
-    /// Its bit in [`Transfer::slots`].
-    pub bit: u8,
+    /// Its bits in [`Transfer::slots`]: one for each user of the entry.
+    pub bits: u8,
 }
 
 impl Slot {
     /// Bytes of a slot: the longest entry of DroneCAN's lists.
     pub const LEN: u8 = 4;
 
-    /// Slot `n` of eight.
+    /// Slot `n` of eight, with a bit of its own.
     #[inline(always)]
     pub const fn new(n: u8) -> Self {
-        Self { at: n % 8 * Self::LEN, bit: 1 << (n % 8) }
+        Self { at: n % 8 * Self::LEN, bits: 1 << (n % 8) }
     }
 }
 
@@ -54,7 +54,7 @@ pub struct Transfer<K, const KEPT: usize> {
     /// Where the receiver keeps the payload; in a list, the current entry. [`NOWHERE`] for an
     /// entry that is not for this node.
     pub(super) kept_at: u8,
-    /// In a list: the slots with an entry, a bit each.
+    /// In a list: the bits of the slots with an entry.
     pub(super) slots: u8,
     /// In a list: number of complete entries. Else: number of bytes that are still to be left out,
     /// see [`Received::left_out`].
@@ -99,7 +99,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         bytes: [0; KEPT],
     };
 
-    /// For a list: the [bits](Slot::bit) of the slots that have an entry. The entry is in
+    /// For a list: the [bits](Slot::bits) of the slots that have an entry. The entry is in
     /// [`bytes`](Self::bytes), from [`Slot::at`] on.
     #[inline(always)]
     pub fn slots(&self) -> u8 {
@@ -199,7 +199,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                 kept_at = NOWHERE;
                 if let Some(slot) = slot_of(byte) {
                     kept_at = slot.at;
-                    self.slots |= slot.bit;
+                    self.slots |= slot.bits;
                 }
             }
             if let Some(place) = self.bytes.get_mut(usize::from(kept_at.wrapping_add(len))) {
@@ -238,7 +238,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                     kept_at = NOWHERE;
                     if let Some(slot) = slot_of(first) {
                         kept_at = slot.at;
-                        self.slots |= slot.bit;
+                        self.slots |= slot.bits;
                     }
                 }
                 run = run.min(entry_len - len);
