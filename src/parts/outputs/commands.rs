@@ -45,12 +45,11 @@ impl Outputs {
             if left & 1 != 0 {
                 let at = if OUTPUTS == 1 { 0 } else { output.slot.at };
                 let [id, number, low, high] = entries[usize::from(at / Slot::LEN) % entries.len()];
-                let value = u16::from_le_bytes([low, high]);
                 // An entry that cannot be followed must not replace one that can. Of several
                 // outputs, one may have got another ID since the entry came.
-                match CommandType::checked(number, value) {
+                match CommandType::checked(number, high) {
                     Ok(unit) if OUTPUTS == 1 || id == output.id => {
-                        output.entry = Command::of(command, unit, value);
+                        output.entry = Command::of(command, unit, [low, high]);
                         kept |= bit;
                     }
                     Ok(_) => {}
@@ -116,7 +115,7 @@ impl Outputs {
         let line = self.blocked(command.source, parameters);
         if line == Line::NONE {
             let &[position, ..] = command.bytes();
-            self.each[0].entry = Command::of(command, CommandType::Byte, u16::from(position));
+            self.each[0].entry = Command::of(command, CommandType::Byte, [position, 0]);
             self.keep(1);
         }
         line

@@ -52,13 +52,14 @@ pub struct Command {
     pub transfer: u8,
     /// The unit of the value.
     pub unit: CommandType,
-    /// The value: a float16, or the number of a [`CommandType::Byte`] or [`CommandType::Throttle`].
-    pub value: u16,
+    /// The value, low byte first: a float16, or the number of a [`CommandType::Byte`] or
+    /// [`CommandType::Throttle`].
+    pub value: [u8; 2],
 }
 
 impl Command {
     #[inline(always)]
-    fn of(command: &Transfer, unit: CommandType, value: u16) -> Self {
+    fn of(command: &Transfer, unit: CommandType, value: [u8; 2]) -> Self {
         Self { source: command.source, transfer: command.transfer_id(), unit, value }
     }
 }
@@ -67,7 +68,7 @@ impl From<Throttle> for Command {
     #[inline(always)]
     fn from(throttle: Throttle) -> Self {
         let Throttle { source, transfer, value } = throttle;
-        Self { source, transfer, unit: CommandType::Throttle, value: value as u16 }
+        Self { source, transfer, unit: CommandType::Throttle, value: value.to_le_bytes() }
     }
 }
 

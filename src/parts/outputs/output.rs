@@ -40,7 +40,7 @@ impl Output {
     pub const NONE: Self = Self {
         id: 0,
         slot: NO_SLOT,
-        entry: Command { source: 0, transfer: 0, unit: CommandType::Unitless, value: 0 },
+        entry: Command { source: 0, transfer: 0, unit: CommandType::Unitless, value: [0; 2] },
         travel: Travel::NONE,
         pulse: 0,
         is_following: false,
@@ -82,7 +82,7 @@ impl Output {
     #[inline(always)]
     pub fn follow(&mut self, now_ms: u16) -> (Ticks, i16) {
         let Command { unit, value, .. } = self.entry;
-        let value = unit.fixed(value);
+        let value = unit.fixed(u16::from_le_bytes(value));
         self.pulse = self.travel.pulse(unit, value);
         self.is_following = true;
         self.followed_ms = now_ms;

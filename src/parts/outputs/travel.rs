@@ -28,21 +28,21 @@ pub enum CommandType {
 }
 
 impl CommandType {
-    /// The type of an actuator.Command with this number and this value, a float16. The line for the
-    /// reason of a refusal if the type is a force, a speed or undefined, or if the value gives no
-    /// pulse.
+    /// The type of an actuator.Command with this number. `high` is the higher byte of its value, a
+    /// float16. The line for the reason of a refusal if the type is a force, a speed or undefined,
+    /// or if the value gives no pulse.
     #[inline(always)]
-    pub fn checked(number: u8, value: u16) -> Result<Self, Line> {
-        /// 0.25. Less is rounded to a width of 0.
-        const LEAST_WIDTH: i16 = 0x3400;
+    pub fn checked(number: u8, high: u8) -> Result<Self, Line> {
+        /// 0.25, of which the lower byte is 0. Less is rounded to a width of 0.
+        const LEAST_WIDTH: i8 = 0x34;
         let unit = match number {
             0 => Self::Unitless,
             1 => Self::Position,
-            4 if value as i16 >= LEAST_WIDTH => Self::Pwm,
+            4 if high as i8 >= LEAST_WIDTH => Self::Pwm,
             4 => return Err(Line::RefusedValue),
             _ => return Err(Line::RefusedType),
         };
-        if float16::is_finite(value) { Ok(unit) } else { Err(Line::RefusedValue) }
+        if float16::is_finite(u16::from(high) << 8) { Ok(unit) } else { Err(Line::RefusedValue) }
     }
 
     /// The value in fixed point: a float16 with 14, 12 or 1 fractional bits, or the number itself.
