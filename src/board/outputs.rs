@@ -20,23 +20,24 @@
 //! earlier. With the feature `rpm` the handlers of `shaft.rs` take 37 and 20 more, each with
 //! another instruction, 4. The sum is 164, and `LEAD` longer.
 //!
-//! The main loop writes new widths to one of two sets, while the handler uses the other set. The
-//! handler changes to the new set shortly before BOTTOM, and with it writes OCR1x. So all widths of
-//! one call of [`Pulses::set`] begin in the same period. After each edge the handler computes the
-//! next one from the slot and the width.
+//! The widths are in three sets. The main loop writes to one, and declares it the newest when it is
+//! complete. The handler changes to the newest set shortly before BOTTOM, and with it writes OCR1x.
+//! So all widths between two calls of [`Pulses::commit`] begin in the same period, and no side waits
+//! for the other. After each edge the handler computes the next one from the slot and the width.
 //!
 //! After `start` only the handler uses the 16-bit registers of Timer1, which share a byte of
 //! temporary storage (section 16.3).
 
 mod edges;
 
+use core::sync::atomic::{Ordering, compiler_fence};
+
 use super::chip::TC1;
 use super::pins::ServoSignal;
 use super::timer1;
 use edges::{
-    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, INCOMPLETE, KEPT, MISSED, Moment, NEW, OTHER, SCHEDULE,
-    TICKS_OF_TIMER0, USED, WIDTHS, Widths, enable_interrupt, modulo, other_widths, pin, plus,
-    register, tc0, tc1,
+    BEGIN_AT, CHANGE_AHEAD, EDGE, Edge, Moment, NEWEST, SCHEDULE, TICKS_OF_TIMER0, USED,
+    enable_interrupt, modulo, pin, plus, register, tc0, tc1, widths,
 };
 use firmware::hardware::OUTPUTS;
 use firmware::node::parameters::{Parameter, Parameters};
@@ -49,8 +50,8 @@ pub use edges::finish;
 pub struct Outputs {
     /// The pin of output 1.
     signal: ServoSignal,
-    /// The widths of the pulses as they were set last.
-    widths: Widths,
+    /// The set that the main loop writes: the widths of the pulses as they were set last.
+    set: u8,
     /// True if one of them was not committed yet.
     has_change: bool,
     /// Only output 1 is in use. It needs no interrupt, and gets its widths at once.
@@ -60,7 +61,7 @@ pub struct Outputs {
 impl Outputs {
     pub(super) fn new(tc1: TC1, signal: ServoSignal) -> Self {
         timer1::stop(&tc1, &signal);
-        Self { signal, widths: [0; OUTPUTS], has_change: false, is_single: false }
+        Self { signal, set: 1, has_change: false, is_single: false }
     }
 
     /// Starts the outputs in use, with OUT_RATE. Call it once, before interrupts are enabled, and
@@ -101,8 +102,6 @@ impl Outputs {
         if self.is_single {
             return;
         }
-        // Safety: the handler is not enabled yet.
-        unsafe { USED = (&raw const WIDTHS).cast::<Widths>() };
         // The first event has no edge.
         let Moment { at, compare } = schedule.moment(BEGIN_AT);
         let (port, _) = pin(0);
@@ -115,7 +114,8 @@ impl Outputs {
 impl Pulses for Outputs {
     #[inline(never)]
     fn set(&mut self, output: usize, width: Ticks) {
-        let current = &mut self.widths[output % OUTPUTS];
+        // Safety: only the main loop uses this set.
+        let current = unsafe { &mut *widths(self.set).wrapping_add(output % OUTPUTS) };
         if *current == width {
             return;
         }
@@ -143,9 +143,7 @@ impl Pulses for Outputs {
 
     #[inline(always)]
     fn commit(&mut self) {
-        // Safety: a byte, which one instruction reads.
-        let is_kept = unsafe { (&raw const OTHER).read_volatile() } == KEPT;
-        if self.has_change && !is_kept {
+        if self.has_change {
             self.has_change = false;
             self.hand_over();
         }
@@ -156,17 +154,25 @@ impl Outputs {
     /// Gives the new widths to the handler.
     #[inline(never)]
     fn hand_over(&mut self) {
-        // Safety: while `OTHER` is `INCOMPLETE` or `MISSED` the handler does not change to the
-        // other set, so only the main loop uses that one.
-        unsafe {
-            (&raw mut OTHER).write_volatile(INCOMPLETE);
-            let mut to = other_widths().cast::<Ticks>();
-            for width in &self.widths {
-                to.write_volatile(*width);
-                to = to.wrapping_add(1);
-            }
-            let is_missed = (&raw const OTHER).read_volatile() == MISSED;
-            (&raw mut OTHER).write_volatile(if is_missed { KEPT } else { NEW });
+        let newest = self.set;
+        // Safety: bytes, which one instruction reads or writes. Volatile, so the set is complete
+        // before. From here on the handler uses the set that it used, or this one.
+        let used = unsafe {
+            compiler_fence(Ordering::SeqCst);
+            (&raw mut NEWEST).write_volatile(newest);
+            (&raw const USED).read_volatile()
+        };
+        let mut set = 0;
+        while set == newest || set == used {
+            set += 1;
+        }
+        self.set = set;
+        let (mut from, mut to) = (widths(newest), widths(set));
+        for _ in 0..OUTPUTS {
+            // Safety: the pointers are to widths of two sets. The handler reads one of them at most,
+            // and writes none.
+            unsafe { *to = *from };
+            (from, to) = (from.wrapping_add(1), to.wrapping_add(1));
         }
     }
 }

@@ -106,25 +106,23 @@ pub(super) static mut SCHEDULE: Schedule = Schedule {
     period: 0,
 };
 
-/// The widths of the pulses, in two sets: see the module. 0 is no pulse.
+/// The widths of the pulses, in three sets: the one that the handler uses, the newest complete one,
+/// and one that the main loop writes. The first two may be the same. 0 is no pulse.
 pub(super) type Widths = [Ticks; OUTPUTS];
-pub(super) static mut WIDTHS: [Widths; 2] = [[0; OUTPUTS]; 2];
-/// The set that the handler uses.
-pub(super) static mut USED: *const Widths = core::ptr::null();
-/// What the other set is. A byte, which one instruction reads or writes.
-pub(super) static mut OTHER: u8 = OLD;
+pub(super) static mut WIDTHS: [Widths; SETS as usize] = [[0; OUTPUTS]; SETS as usize];
+/// Number of sets.
+pub(super) const SETS: u8 = 3;
+/// The set that the handler uses: only the handler changes it, and only to the newest one. A byte,
+/// which one instruction reads or writes.
+pub(super) static mut USED: u8 = 0;
+/// The newest complete set: only the main loop changes it.
+pub(super) static mut NEWEST: u8 = 0;
 
-/// The handler has used it, or has not had one yet.
-pub(super) const OLD: u8 = 0;
-/// It is complete, and newer.
-pub(super) const NEW: u8 = 1;
-/// The main loop writes it.
-pub(super) const INCOMPLETE: u8 = 2;
-/// It is complete, newer, and not to be written again before the handler changes to it.
-pub(super) const KEPT: u8 = 3;
-/// The main loop writes it, and the handler could not change to it. Commands may come in step with
-/// the period, so the main loop keeps the set then: otherwise it could write one at each change.
-pub(super) const MISSED: u8 = 4;
+/// A set of widths.
+#[inline(always)]
+pub(super) fn widths(set: u8) -> *mut Ticks {
+    (&raw mut WIDTHS).cast::<Widths>().wrapping_add(set.into()).cast()
+}
 
 pub(super) fn tc0() -> TC0 {
     // Safety: `Clock` uses other registers of Timer0, and TIMSK0 only before interrupts are
@@ -294,9 +292,8 @@ pub(super) fn register(address: u8) -> *mut u8 {
 impl Schedule {
     /// Goes on to the next event. Returns its time.
     fn advance(&mut self, edge: &mut Edge) -> Moment {
-        // Safety: `start` has set the pointer to one of two statics. The main loop writes to the
-        // other one only.
-        let widths = unsafe { &*(&raw const USED).read() };
+        // Safety: only this handler writes it. The main loop writes to other sets only.
+        let widths = unsafe { &*widths((&raw const USED).read()).cast::<Widths>() };
         if self.event == Event::Rise {
             self.event = Event::Fall;
             edge.keep = !edge.set;
@@ -365,32 +362,13 @@ impl Schedule {
     }
 }
 
-/// The set that the handler does not use.
-pub(super) fn other_widths() -> *mut Widths {
-    let first = (&raw mut WIDTHS).cast::<Widths>();
-    // Safety: the pointer is to a static. The handler changes it only while `OTHER` is `NEW` or
-    // `KEPT`; the callers are the handler, and the main loop after it has made it `INCOMPLETE`. So
-    // no interrupt comes between the reads of the two bytes of a value that changes.
-    let used = unsafe { (&raw const USED).read_volatile() };
-    if core::ptr::eq(used, first) { first.wrapping_add(1) } else { first }
-}
-
-/// Changes to the new widths, if there are any. No pulse is active.
-pub(super) fn change() {
-    // Safety: only this function writes `USED` after `start`. While the main loop writes the other
-    // set, `OTHER` is `INCOMPLETE` or `MISSED`.
+/// Changes to the newest widths. No pulse is active.
+fn change() {
+    // Safety: only this function writes `USED`, and the main loop does not write the newest set.
     let width = unsafe {
-        let state = (&raw const OTHER).read_volatile();
-        if state == INCOMPLETE {
-            (&raw mut OTHER).write_volatile(MISSED);
-        }
-        if state & NEW == 0 {
-            return;
-        }
-        (&raw mut OTHER).write_volatile(OLD);
-        let other = other_widths();
-        (&raw mut USED).write_volatile(other);
-        (*other)[0]
+        let newest = (&raw const NEWEST).read_volatile();
+        (&raw mut USED).write_volatile(newest);
+        *widths(newest)
     };
     timer1::set_width(&tc1(), width);
 }
