@@ -44,7 +44,7 @@ impl Row {
 }
 
 const HAS_MOTORS: bool = singles(true) > singles(false);
-const HAS_ALLOCATION: bool = Kind::Allocation as u16 != Kind::Unknown as u16;
+const HAS_ALLOCATION: bool = Kind::Allocation as u8 != Kind::Unknown as u8;
 const ROWS: usize = 1 + HAS_MOTORS as usize + HAS_ALLOCATION as usize;
 
 /// A mask for types, and the filters under it.

@@ -15,20 +15,13 @@ use crate::hardware::OUTPUTS;
 use crate::monitor::Line;
 
 /// Bit of a [`Kind`]'s number: the transfer is a request.
-const REQUEST: u16 = 1 << 15;
+const REQUEST: u8 = 1 << 7;
 
 /// Bit of a [`Kind`]'s number: the transfer can have several frames.
-const LONG: u16 = 1 << 14;
+const LONG: u8 = 1 << 6;
 
-/// Mask of a [`Kind`]'s number: the ID of the data type or service.
-const ID: u16 = LONG - 1;
-
-/// Bits of a [`Kind`]'s number: the transfer is a message of a vendor, with an ID from 16384 to
-/// 24575. (A service ID has eight bits only.)
-const VENDOR: u16 = REQUEST | 1 << 13;
-
-/// Mask of a vendor's [`Kind`]: the ID less [`LONG`], its first.
-const VENDOR_ID: u16 = (1 << 13) - 1;
+/// Bit of a [`Kind`]'s number: the transfer is a list, or a command that has the lanes of lists.
+const COMMAND: u8 = 1 << 5;
 
 /// Where the controller's filters let a message pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,14 +40,13 @@ pub enum Filter {
 
 /// A table of groups, `if condition { rows }`. A row of a message is
 ///
-/// `name = space type, form, filter => method;`
+/// `name = message type, form, filter => method;`
 ///
 /// and a row of a request
 ///
 /// `name = request type, form of the request, form of the response => method, method;`
 ///
-/// where the second method begins the response. The space is `message`, or `vendor` for the IDs of
-/// vendors. A transfer of the form `short` has one frame, of the form `long` one or several. A
+/// where the second method begins the response. A transfer of the form `short` has one frame, of the form `long` one or several. A
 /// `list(bytes, most)` is a message of entries of so many bytes, at most `most` of them, of which
 /// the receiver keeps those for this node; a `command` is no list and has the lanes of lists.
 macro_rules! received {
@@ -63,17 +55,24 @@ macro_rules! received {
         $kind:ident = $space:ident $type:path, $form:ident $(($entry_len:literal, $most:literal))?,
             $behind:ident => $($action:ident),+;)*
     })*) => {
-        /// The kind of a received transfer. Its number is the ID of the data type or service, and
-        /// the bits `REQUEST` and `LONG`. Those of a part that the build leaves out are `Unknown`.
+        /// The numbers of the rows.
+        #[repr(u8)]
+        enum Row {
+            _Unknown,
+            $($(#[cfg($if)] $kind,)*)*
+        }
+
+        /// The kind of a received transfer. Its number is that of the row, and the bits `REQUEST`,
+        /// `LONG` and `COMMAND`. Those of a part that the build leaves out are `Unknown`.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        #[repr(u16)]
+        #[repr(u8)]
         pub enum Kind {
             /// A type that the node does not take.
             Unknown = 0,
             $($(
                 $(#[doc = $doc])*
                 #[cfg($if)]
-                $kind = received!(@number $space $type) | received!(@long $form),
+                $kind = Row::$kind as u8 | received!(@space $space) | received!(@form $form),
             )*)*
         }
 
@@ -90,20 +89,35 @@ macro_rules! received {
             /// All kinds except `Unknown`.
             pub const ALL: &[Self] = &[$($(#[cfg($if)] Self::$kind,)*)*];
 
-            /// True if a message has the ID of a vendor.
-            const HAS_VENDOR: bool =
-                is_any(&[$($(#[cfg($if)] received!(@is_vendor $space),)*)*]);
-
             /// True if a type of message besides lists has the lanes of lists.
             const HAS_COMMAND: bool =
                 is_any(&[$($(#[cfg($if)] received!(@is_command $form),)*)*]);
 
+            /// The kind of a message with this data type ID.
             #[inline(always)]
-            const fn of(space_and_id: u16) -> Self {
-                $($(#[cfg($if)] if space_and_id == received!(@number $space $type) {
+            pub const fn of_message(data_type: u16) -> Self {
+                $($(#[cfg($if)] if !received!(@is_request $space) && data_type == $type.id as u16 {
                     return Self::$kind;
                 })*)*
                 Self::Unknown
+            }
+
+            /// The kind of a request with this service ID.
+            #[inline(always)]
+            pub const fn of_request(service: u8) -> Self {
+                $($(#[cfg($if)] if received!(@is_request $space) && service == $type.id as u8 {
+                    return Self::$kind;
+                })*)*
+                Self::Unknown
+            }
+
+            /// The ID of the data type or service.
+            #[inline(never)]
+            pub const fn id(self) -> u16 {
+                $($(#[cfg($if)] if self as u8 == Self::$kind as u8 {
+                    return $type.id as u16;
+                })*)*
+                0
             }
 
             /// The initial CRC of a transfer of several frames, also of the response. 0 if no
@@ -111,7 +125,7 @@ macro_rules! received {
             #[inline(never)]
             pub const fn seed(self) -> u16 {
                 $($(#[cfg($if)] if received!(@has_seed $form $behind)
-                    && self as u16 == Self::$kind as u16
+                    && self as u8 == Self::$kind as u8
                 {
                     return $type.seed;
                 })*)*
@@ -121,7 +135,10 @@ macro_rules! received {
             /// Bytes of an entry of a list; 0 for other transfers.
             #[inline(always)]
             pub const fn entry_len(self) -> u8 {
-                $($($(#[cfg($if)] if self as u16 == Self::$kind as u16 {
+                if self as u8 & COMMAND == 0 {
+                    return 0;
+                }
+                $($($(#[cfg($if)] if self as u8 == Self::$kind as u8 {
                     return $entry_len;
                 })?)*)*
                 0
@@ -130,21 +147,10 @@ macro_rules! received {
             /// The largest number of entries of a list.
             #[inline(always)]
             const fn most(self) -> u8 {
-                $($($(#[cfg($if)] if self as u16 == Self::$kind as u16 {
+                $($($(#[cfg($if)] if self as u8 == Self::$kind as u8 {
                     return $most;
                 })?)*)*
                 0
-            }
-
-            /// True for a command that is no list.
-            #[inline(always)]
-            const fn is_command(self) -> bool {
-                $($(#[cfg($if)] if received!(@is_command $form)
-                    && self as u16 == Self::$kind as u16
-                {
-                    return true;
-                })*)*
-                false
             }
 
             /// Where the controller's filters let it pass.
@@ -168,21 +174,21 @@ macro_rules! received {
                 // Three searches: commands must not wait for those of the other messages, nor
                 // messages for those of the requests.
                 $($(#[cfg($if)] if received!(@is_first $form)
-                    && transfer.kind as u16 == Kind::$kind as u16
+                    && transfer.kind as u8 == Kind::$kind as u8
                 {
                     return received!(@first ($($action),+)(self, transfer, context));
                 })*)*
                 let is_request = transfer.kind.is_request();
                 $($(#[cfg($if)] if received!(@is_request $space)
                     && is_request
-                    && transfer.kind as u16 == Kind::$kind as u16
+                    && transfer.kind as u8 == Kind::$kind as u8
                 {
                     return received!(@first ($($action),+)(self, transfer, context));
                 })*)*
                 $($(#[cfg($if)] if !received!(@is_request $space)
                     && !received!(@is_first $form)
                     && !is_request
-                    && transfer.kind as u16 == Kind::$kind as u16
+                    && transfer.kind as u8 == Kind::$kind as u8
                 {
                     return received!(@first ($($action),+)(self, transfer, context));
                 })*)*
@@ -198,7 +204,7 @@ macro_rules! received {
                 context: &mut Response<C, P>,
             ) -> bool {
                 $($(#[cfg($if)] if received!(@is_request $space)
-                    && request.kind as u16 == Kind::$kind as u16
+                    && request.kind as u8 == Kind::$kind as u8
                 {
                     return received!(@last ($($action),+)(self, request, context));
                 })*)*
@@ -206,24 +212,20 @@ macro_rules! received {
             }
         }
 
-        const _: () = {
-            $($(#[cfg($if)] assert!(Kind::$kind.id() == $type.id as u16, "its bits are taken");)*)*
-        };
+        const _: () = assert!(Kind::ALL.len() < COMMAND as usize, "its bits are taken");
     };
-    (@number message $type:path) => { $type.id as u16 };
-    (@number request $type:path) => { REQUEST | $type.id as u16 };
-    (@number vendor $type:path) => { VENDOR | $type.id as u16 & VENDOR_ID };
+    (@space message) => { 0 };
+    (@space request) => { REQUEST };
     (@is_request request) => { true };
     (@is_request $space:ident) => { false };
-    (@is_vendor vendor) => { true };
-    (@is_vendor $space:ident) => { false };
     (@is_command command) => { true };
     (@is_command $form:ident) => { false };
     (@is_first list) => { true };
     (@is_first command) => { true };
     (@is_first $form:ident) => { false };
-    (@long short) => { 0 };
-    (@long $form:ident) => { LONG };
+    (@form short) => { 0 };
+    (@form long) => { LONG };
+    (@form $form:ident) => { LONG | COMMAND };
     (@has_seed short short) => { false };
     (@has_seed short long) => { true };
     (@has_seed short $filter:ident) => { false };
@@ -273,7 +275,7 @@ received! {
     }
     if feature = "safety" {
         /// ardupilot.indication.SafetyState
-        SafetyState = vendor types::SAFETY_STATE, short, Rxb1 => act_on_safety_state;
+        SafetyState = message types::SAFETY_STATE, short, Rxb1 => act_on_safety_state;
     }
     if feature = "relay" {
         /// uavcan.equipment.hardpoint.Command
@@ -316,44 +318,16 @@ received! {
 }
 
 impl Kind {
-    /// The kind of a message with this data type ID.
-    #[inline(always)]
-    pub const fn of_message(data_type: u16) -> Self {
-        if Self::HAS_VENDOR && data_type & !VENDOR_ID == LONG {
-            return Self::of(VENDOR | data_type & VENDOR_ID);
-        }
-        match Self::of(data_type & !REQUEST) {
-            _ if data_type >= LONG => Self::Unknown,
-            kind => kind,
-        }
-    }
-
-    /// The kind of a request with this service ID.
-    #[inline(always)]
-    pub const fn of_request(service: u8) -> Self {
-        Self::of(REQUEST | service as u16)
-    }
-
-    /// The ID of the data type or service.
-    #[inline(always)]
-    pub const fn id(self) -> u16 {
-        if Self::HAS_VENDOR && self as u16 & VENDOR == VENDOR {
-            return LONG | self as u16 & VENDOR_ID;
-        }
-        self as u16 & ID
-    }
-
     /// True for a request to this node.
     #[inline(always)]
     pub const fn is_request(self) -> bool {
-        let mask = if Self::HAS_VENDOR { VENDOR } else { REQUEST };
-        self as u16 & mask == REQUEST
+        self as u8 & REQUEST != 0
     }
 
     /// True if a transfer can have several frames.
     #[inline(always)]
     pub const fn is_long(self) -> bool {
-        self as u16 & LONG != 0
+        self as u8 & LONG != 0
     }
 }
 
@@ -400,7 +374,7 @@ impl Received for Kind {
 
     #[inline(always)]
     fn has_own_lanes(self) -> bool {
-        self.entry_len() != 0 || self.is_command()
+        self as u8 & COMMAND != 0
     }
 
     #[inline(always)]
