@@ -111,8 +111,8 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     #[inline(never)]
     pub fn status(&mut self) -> u8 {
         self.select();
-        self.exchange(instruction::READ_STATUS);
-        let status = self.exchange(0);
+        self.exchange_inline(instruction::READ_STATUS);
+        let status = self.exchange_inline(0);
         self.deselect();
         status
     }
@@ -157,9 +157,9 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     pub fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
         self.select();
         // The instruction is 0x90 for RXB0 and 0x94 for RXB1.
-        self.exchange(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
+        self.exchange_inline(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
         _ = self.spi.read(&mut frame.id);
-        let dlc = self.exchange(0);
+        let dlc = self.exchange_inline(0);
         frame.len = (dlc & DLC).min(Frame::MAX_LEN as u8);
         if let Some(data) = frame.data.get_mut(..usize::from(frame.len)) {
             _ = self.spi.read(data);
@@ -239,6 +239,12 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
 
     #[inline(never)]
     fn exchange(&mut self, byte: u8) -> u8 {
+        self.exchange_inline(byte)
+    }
+
+    /// The same where every cycle counts: to receive a frame.
+    #[inline(always)]
+    fn exchange_inline(&mut self, byte: u8) -> u8 {
         let mut bytes = [byte];
         _ = self.spi.transfer_in_place(&mut bytes);
         bytes[0]
