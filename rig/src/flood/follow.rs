@@ -23,6 +23,8 @@ struct Waiting {
     ended: Cycles,
     /// The pulse that it asks for, in ticks of half a microsecond.
     pulse: i32,
+    /// See [`Command::is_stop`].
+    is_stop: bool,
 }
 
 impl Waiting {
@@ -48,8 +50,8 @@ pub struct Register {
 
 impl Register {
     /// A command's last frame ended.
-    pub fn command(&mut self, ended: Cycles, (_, pulse): Command) {
-        self.waiting.push_back(Waiting { ended, pulse });
+    pub fn command(&mut self, ended: Cycles, Command { pulse, is_stop, .. }: Command) {
+        self.waiting.push_back(Waiting { ended, pulse, is_stop });
     }
 
     /// The controller lost the frame that was complete at this time.
@@ -86,14 +88,15 @@ pub struct Pulses {
     /// Number of pulses whose width no command had asked for.
     pub unasked: u64,
     /// For each pulse: cycles from the end of the oldest newer command to the moment at which the
-    /// board takes over the widths of all outputs; 0 if the newest command made the pulse.
+    /// board takes over the widths of all outputs; 0 if the newest command made the pulse. Nobody
+    /// waits for a motor to stop that an esc.RawCommand leaves out.
     pub stale: Samples,
 }
 
 impl Pulses {
     /// A command's last frame ended.
-    pub fn command(&mut self, ended: Cycles, (_, pulse): Command) {
-        self.commands.push_back(Waiting { ended, pulse });
+    pub fn command(&mut self, ended: Cycles, Command { pulse, is_stop, .. }: Command) {
+        self.commands.push_back(Waiting { ended, pulse, is_stop });
     }
 
     /// The controller lost the frame that was complete at this time.
@@ -117,7 +120,7 @@ impl Pulses {
             self.unasked += 1;
             return;
         };
-        let newer = self.commands.range(made_by + 1..older).next();
+        let newer = self.commands.range(made_by + 1..older).find(|command| !command.is_stop);
         self.stale.push(newer.map_or(0, |command| taken_over - command.ended));
         // The one that made this pulse can make further ones.
         self.commands.drain(..made_by);

@@ -359,9 +359,9 @@ impl Flood {
                 continue;
             }
             let (_, commands) = self.sent.pop_front().expect("the frame");
-            self.outcome.commands += commands.len() as u64;
+            self.outcome.commands += commands.iter().filter(|one| !one.is_stop).count() as u64;
             for command in commands {
-                match self.outcome.pulses.get_mut(command.0) {
+                match self.outcome.pulses.get_mut(command.output) {
                     Some(pulses) => pulses.command(ended, command),
                     None => self.outcome.register.command(ended, command),
                 }

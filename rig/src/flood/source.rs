@@ -11,7 +11,7 @@ use bench::{Cycles, Noise};
 
 use super::super::{MS, SERVO_COMMAND};
 use super::setup::{Preset, Setup};
-use super::values::{Recent, Unit};
+use super::values::{Recent, STOPPED, Unit};
 
 /// Node IDs of the senders.
 pub const SENDERS: [u8; 2] = [20, 21];
@@ -98,8 +98,23 @@ impl Traffic {
     }
 }
 
-/// A command for an output, counted from 0: the pulse that it asks for, in ticks.
-pub type Command = (usize, i32);
+/// A command for an output.
+#[derive(Clone, Copy, Debug)]
+pub struct Command {
+    /// The output, counted from 0.
+    pub output: usize,
+    /// The pulse that it asks for, in ticks.
+    pub pulse: i32,
+    /// An esc.RawCommand that leaves out the motor, which then stops. The node looks for such motors
+    /// one after the other, so it does that less promptly than it follows commands.
+    pub is_stop: bool,
+}
+
+impl Command {
+    fn of(output: usize, pulse: i32) -> Command {
+        Command { output, pulse, is_stop: false }
+    }
+}
 
 /// A frame, and the commands of the transfer that it completes.
 pub type Sent = (Frame, Vec<Command>);
@@ -190,11 +205,11 @@ impl Source {
                 let (byte, pulse) = self.recent[0].byte(&mut self.random);
                 let tail = 0xC0 | self.transfer_id(sender, SERVO_COMMAND);
                 let id = self.with_priority(SERVO_COMMAND | u32::from(sender));
-                vec![(Frame::extended(id, &[byte, tail]), vec![(0, pulse)])]
+                vec![(Frame::extended(id, &[byte, tail]), vec![Command::of(0, pulse)])]
             }
             Traffic::DraftByte => {
                 let (byte, pulse) = self.recent[0].byte(&mut self.random);
-                self.draft(&draft::types::THESIS_COMMAND, sender, &[byte], vec![(0, pulse)])
+                self.draft(&draft::types::THESIS_COMMAND, sender, &[byte], vec![Command::of(0, pulse)])
             }
             other => self.message(other, sender),
         }
@@ -248,7 +263,7 @@ impl Source {
     fn command(&mut self, servo: usize, unit: Unit, sender: u8) -> Vec<Sent> {
         let ([low, high], pulse) = self.recent[servo].entry(unit, &mut self.random);
         let payload = [servo as u8 + 1, unit as u8, low, high];
-        self.send(&types::ARRAY_COMMAND, sender, &payload, vec![(servo, pulse)])
+        self.send(&types::ARRAY_COMMAND, sender, &payload, vec![Command::of(servo, pulse)])
     }
 
     fn entry_elsewhere(&mut self) -> [u8; 4] {
@@ -268,7 +283,7 @@ impl Source {
             let unit = self.unit();
             let ([low, high], pulse) = self.recent[servo].entry(unit, &mut self.random);
             list.push([servo as u8 + 1, unit as u8, low, high]);
-            commands.push((servo, pulse));
+            commands.push(Command::of(servo, pulse));
         }
         while list.len() < entries {
             list.push(self.entry_elsewhere());
@@ -286,10 +301,14 @@ impl Source {
                 }
                 let output = self.setup.servos + motor;
                 let (throttle, pulse) = self.recent[output].throttle(&mut self.random);
-                commands.push((output, pulse));
+                commands.push(Command::of(output, pulse));
                 throttle
             })
             .collect();
+        for motor in motors..self.setup.motors {
+            let output = self.setup.servos + motor;
+            commands.push(Command { is_stop: true, ..Command::of(output, STOPPED) });
+        }
         self.send(&types::RAW_COMMAND, sender, &encode_commands(&throttles), commands)
     }
 

@@ -27,6 +27,9 @@ impl Unit {
     pub const ALL: [Unit; 3] = [Unit::Unitless, Unit::Position, Unit::Width];
 }
 
+/// The pulse of a motor that is stopped, in ticks of half a microsecond.
+pub const STOPPED: i32 = 2000;
+
 /// The pulse of a width in microseconds, in ticks of half a microsecond.
 fn ticks(width_us: f32) -> i32 {
     (width_us * 2.0).round() as i32
@@ -110,7 +113,7 @@ impl Recent {
                 0 => -(random.below(8193) as i16),
                 _ => random.below(8192) as i16,
             };
-            (throttle, ticks(1000.0 + f32::from(throttle.max(0)) * 1000.0 / 8192.0))
+            (throttle, STOPPED + ticks(f32::from(throttle.max(0)) * 1000.0 / 8192.0))
         })
     }
 }
