@@ -346,13 +346,7 @@ impl Node {
     /// Follows the next entry of a command, and counts and logs it.
     #[inline(always)]
     pub fn follow_next(&mut self, now_ms: u16, monitor: &mut Monitor, board: &mut impl Pulses) {
-        let followed = self.outputs.follow_next(
-            &mut self.note,
-            now_ms,
-            &self.parameters,
-            monitor.is_full(),
-            board,
-        );
+        let followed = self.outputs.follow_next(&mut self.note, now_ms, &self.parameters, board);
         if followed.line.is_refusal() {
             count(&mut self.health.counts.refused);
         }
@@ -361,6 +355,11 @@ impl Node {
             self.commanded_by(source, followed.is_second, monitor);
         }
         if followed.line != Line::NONE {
+            // To convert the value takes time.
+            if !monitor.is_full() {
+                self.note.set_a(followed.logged());
+                self.note.set_b(followed.pulse);
+            }
             self.log_note(followed.line, monitor);
         }
         self.end_failsafe(monitor);

@@ -4,7 +4,7 @@ use dronecan_wire::Slot;
 
 use super::output::Output;
 use super::travel::CommandType;
-use super::{Command, Followed, Outputs, Pulses, bit, place};
+use super::{Command, Followed, Outputs, Pulses, place};
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Event, Line};
 use crate::node::parameters::Parameters;
@@ -203,7 +203,6 @@ impl Outputs {
         event: &mut Event,
         now_ms: u16,
         parameters: &Parameters,
-        is_monitor_full: bool,
         board: &mut impl Pulses,
     ) -> Followed {
         let (output, bit) = self.next_waiting();
@@ -218,7 +217,7 @@ impl Outputs {
         let is_motor = motors::ARE_THERE && unit == CommandType::Throttle;
         let mut line =
             if is_motor { self.blocked_motor(source) } else { self.blocked(source, parameters) };
-        let (mut commander, mut is_second) = (0, false);
+        let (mut commander, mut is_second, mut pulse, mut value) = (0, false, 0, 0);
         if line == Line::NONE {
             let before = self.each[place(output)].pulse();
             let followed = &mut self.each[place(output)];
@@ -231,14 +230,10 @@ impl Outputs {
             if update::IS_THERE {
                 self.recent_s = RECENT_S;
             }
-            let (pulse, value) = self.each[place(output)].follow(now_ms);
+            (pulse, value) = self.each[place(output)].follow(now_ms);
             board.set(output, pulse);
             self.hears_commands = false;
             self.failing &= !bit;
-            if !is_monitor_full {
-                event.set_a(unit.logged(value));
-                event.set_b(pulse);
-            }
             if OUTPUTS == 1 || self.firsts & bit != 0 {
                 commander = source;
                 line = unit.line();
@@ -253,7 +248,7 @@ impl Outputs {
         if self.waiting < bit {
             board.commit();
         }
-        Followed { line, commander, is_second }
+        Followed { line, unit, value, pulse, commander, is_second }
     }
 
     /// The next output whose entry waits: from one output to the next, so that each has its turn

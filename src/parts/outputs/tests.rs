@@ -43,7 +43,10 @@ impl Rig {
         let mut event = Event::new(Line::Running);
         while self.outputs.has_entry() {
             let (parameters, servos) = (&self.parameters, &mut self.servos);
-            line = self.outputs.follow_next(&mut event, self.now_ms, parameters, false, servos).line;
+            let followed = self.outputs.follow_next(&mut event, self.now_ms, parameters, servos);
+            event.set_a(followed.logged());
+            event.set_b(followed.pulse);
+            line = followed.line;
         }
         (line, event)
     }
