@@ -245,6 +245,17 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             }
             let mut at = kept_at.wrapping_add(len);
             len = len.saturating_add(run);
+            // A whole entry, at once.
+            if run == Slot::LEN
+                && let Some((entry, later)) = rest.split_first_chunk::<{ Slot::LEN as usize }>()
+            {
+                rest = later;
+                run = 0;
+                let places = self.bytes.get_mut(usize::from(at)..);
+                if let Some(place) = places.and_then(|places| places.first_chunk_mut()) {
+                    *place = *entry;
+                }
+            }
             while run != 0 {
                 let Some((&byte, later)) = rest.split_first() else { break };
                 rest = later;
