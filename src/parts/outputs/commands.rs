@@ -4,7 +4,7 @@ use dronecan_wire::Slot;
 
 use super::output::Output;
 use super::travel::CommandType;
-use super::{Command, Followed, Outputs, Pulses, place};
+use super::{Command, Followed, Outputs, Pulses, by_pointer, place};
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Event, Line};
 use crate::node::parameters::Parameters;
@@ -41,7 +41,8 @@ impl Outputs {
         let (mut refusal, mut bit) = (Line::NONE, 1);
         let (mut left, mut kept) = (command.slots(), 0);
         let (entries, _) = command.bytes().as_chunks::<{ Slot::LEN as usize }>();
-        for output in &mut self.each {
+        let (source, transfer) = (command.source, command.transfer_id());
+        for output in by_pointer(&mut self.each) {
             if left & 1 != 0 {
                 let at = if OUTPUTS == 1 { 0 } else { output.slot.at };
                 let [id, number, low, high] = entries[usize::from(at / Slot::LEN) % entries.len()];
@@ -49,7 +50,7 @@ impl Outputs {
                 // outputs, one may have got another ID since the entry came.
                 match CommandType::checked(number, high) {
                     Ok(unit) if OUTPUTS == 1 || id == output.id => {
-                        output.entry = Command::of(command, unit, [low, high]);
+                        output.entry = Command { source, transfer, unit, value: [low, high] };
                         kept |= bit;
                     }
                     Ok(_) => {}
