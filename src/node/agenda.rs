@@ -17,7 +17,7 @@ pub const FRAMES_IN_A_ROW: u8 = 16;
 /// Frames after which an entry of a command is followed although more wait. With one output every
 /// second frame of a full bus leaves time to follow one. With eight a frame takes longer: to follow
 /// an entry after fewer frames would leave too little time for the shortest commands of motors.
-pub const FRAMES_BEFORE_ENTRY: u8 = if OUTPUTS == 1 { 2 } else { 32 };
+pub const FRAMES_BEFORE_ENTRY: u8 = if OUTPUTS == 1 { 2 } else { 8 };
 
 /// The work that is pending.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -157,11 +157,15 @@ impl Outputs {
         if self.waiting & outputs != 0 {
             self.superseded.count();
         }
-        self.waiting |= outputs;
         if OUTPUTS > 1 {
+            if self.waiting == 0 {
+                // Begin with the last output, so that all pulses begin in the same period.
+                self.last = (0, 1);
+            }
             // The lowest bit.
             self.firsts = self.firsts & !outputs | outputs & outputs.wrapping_neg();
         }
+        self.waiting |= outputs;
     }
 
     /// The line for the reason to reject all commands of a node; [`Line::NONE`] if there is none.
@@ -245,15 +249,15 @@ impl Outputs {
             }
             self.logged |= bit;
         }
-        // No output after this one waits.
-        if self.waiting < bit {
+        // The command is followed whole. (In a flood a part of it may have been replaced.)
+        if OUTPUTS == 1 || self.firsts & bit != 0 || self.waiting == 0 {
             board.commit();
         }
         Followed { line, unit, value, pulse, commander, is_second }
     }
 
-    /// The next output whose entry waits: from one output to the next, so that each has its turn
-    /// also if newer commands come meanwhile.
+    /// The next output whose entry waits: from one output to the one before it, so that each has its
+    /// turn also if newer commands come meanwhile.
     #[inline(always)]
     fn next_waiting(&mut self) -> (usize, u8) {
         if OUTPUTS == 1 {
@@ -261,10 +265,10 @@ impl Outputs {
         }
         let (mut output, mut bit) = self.last;
         for _ in 0..OUTPUTS {
-            output = output.wrapping_add(1);
-            bit <<= 1;
+            output = output.wrapping_sub(1);
+            bit >>= 1;
             if bit == 0 {
-                (output, bit) = (0, 1);
+                (output, bit) = (OUTPUTS as u8 - 1, 1 << (OUTPUTS - 1));
             }
             if self.waiting & bit != 0 {
                 break;
