@@ -157,7 +157,9 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     pub fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
         self.select();
         // The instruction is 0x90 for RXB0 and 0x94 for RXB1.
-        self.exchange_inline(instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1);
+        self.exchange_inline(
+            instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1,
+        );
         _ = self.spi.read(&mut frame.id);
         let dlc = self.exchange_inline(0);
         frame.len = (dlc & DLC).min(Frame::MAX_LEN as u8);

@@ -209,7 +209,12 @@ impl Source {
             }
             Traffic::DraftByte => {
                 let (byte, pulse) = self.recent[0].byte(&mut self.random);
-                self.draft(&draft::types::THESIS_COMMAND, sender, &[byte], vec![Command::of(0, pulse)])
+                self.draft(
+                    &draft::types::THESIS_COMMAND,
+                    sender,
+                    &[byte],
+                    vec![Command::of(0, pulse)],
+                )
             }
             other => self.message(other, sender),
         }

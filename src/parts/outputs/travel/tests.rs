@@ -97,7 +97,11 @@ fn only_unitless_position_and_pwm_are_followed_and_numbers_that_give_a_pulse() {
                 Ok(_) if !float16::is_finite(value) => Err(Line::RefusedValue),
                 expected => expected,
             };
-            assert_eq!(CommandType::checked(number, (value >> 8) as u8), expected, "{number} {value:04X}");
+            assert_eq!(
+                CommandType::checked(number, (value >> 8) as u8),
+                expected,
+                "{number} {value:04X}"
+            );
         }
     }
 }
