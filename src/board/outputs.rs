@@ -22,8 +22,9 @@
 //!
 //! The widths are in three sets. The main loop writes to one, and declares it the newest when it is
 //! complete. The handler changes to the newest set shortly before BOTTOM, and with it writes OCR1x.
-//! So all widths between two calls of [`Pulses::commit`] begin in the same period, and no side waits
-//! for the other. After each edge the handler computes the next one from the slot and the width.
+//! So all widths between two calls of [`Pulses::commit`] begin in the same period, and no side
+//! waits for the other. After each edge the handler computes the next one from the slot and the
+//! width.
 //!
 //! After `start` only the handler uses the 16-bit registers of Timer1, which share a byte of
 //! temporary storage (section 16.3).
@@ -169,8 +170,8 @@ impl Outputs {
         self.set = set;
         let (mut from, mut to) = (widths(newest), widths(set));
         for _ in 0..OUTPUTS {
-            // Safety: the pointers are to widths of two sets. The handler reads one of them at most,
-            // and writes none.
+            // Safety: the pointers are to widths of two sets. The handler reads one of them at
+            // most, and writes none.
             unsafe { *to = *from };
             (from, to) = (from.wrapping_add(1), to.wrapping_add(1));
         }

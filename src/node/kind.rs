@@ -46,9 +46,10 @@ pub enum Filter {
 ///
 /// `name = request type, form of the request, form of the response => method, method;`
 ///
-/// where the second method begins the response. A transfer of the form `short` has one frame, of the form `long` one or several. A
-/// `list(bytes, most)` is a message of entries of so many bytes, at most `most` of them, of which
-/// the receiver keeps those for this node; a `command` is no list and has the lanes of lists.
+/// where the second method begins the response. A transfer of the form `short` has one frame, of
+/// the form `long` one or several. A `list(bytes, most)` is a message of entries of so many bytes,
+/// at most `most` of them, of which the receiver keeps those for this node; a `command` is no list
+/// and has the lanes of lists.
 macro_rules! received {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*

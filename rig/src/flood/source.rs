@@ -105,8 +105,8 @@ pub struct Command {
     pub output: usize,
     /// The pulse that it asks for, in ticks.
     pub pulse: i32,
-    /// An esc.RawCommand that leaves out the motor, which then stops. The node looks for such motors
-    /// one after the other, so it does that less promptly than it follows commands.
+    /// An esc.RawCommand that leaves out the motor, which then stops. The node looks for such
+    /// motors one after the other, so it does that less promptly than it follows commands.
     pub is_stop: bool,
 }
 

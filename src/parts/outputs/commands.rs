@@ -256,8 +256,8 @@ impl Outputs {
         Followed { line, unit, value, pulse, commander, is_second }
     }
 
-    /// The next output whose entry waits: from one output to the one before it, so that each has its
-    /// turn also if newer commands come meanwhile.
+    /// The next output whose entry waits: from one output to the one before it, so that each has
+    /// its turn also if newer commands come meanwhile.
     #[inline(always)]
     fn next_waiting(&mut self) -> (usize, u8) {
         if OUTPUTS == 1 {

@@ -101,8 +101,8 @@ impl Followed {
 /// compared directly.
 const LISTED: usize = if OUTPUTS > 1 { 16 } else { 0 };
 
-/// The slot of an output that follows no ArrayCommand. (All bytes are 0, so that the outputs need no
-/// initial values in flash.)
+/// The slot of an output that follows no ArrayCommand. (All bytes are 0, so that the outputs need
+/// no initial values in flash.)
 const NO_SLOT: Slot = Slot { at: 0, bits: 0 };
 
 /// The outputs.
@@ -364,8 +364,8 @@ const fn bit(output: usize) -> u8 {
     bit
 }
 
-/// The same reference, of which the compiler does not know that it is to a static. Otherwise it adds
-/// the address of the static to the offset of a field at each access, and that takes three
+/// The same reference, of which the compiler does not know that it is to a static. Otherwise it
+/// adds the address of the static to the offset of a field at each access, and that takes three
 /// instructions more. (A single output has no offset.)
 #[inline(always)]
 fn by_pointer<T: ?Sized>(outputs: &mut T) -> &mut T {
