@@ -341,6 +341,7 @@ lint-firmware: setup
 	scripts/drawings --check
 	scripts/lint
 	scripts/docs
+	scripts/elf-mutants --check
 	scripts/wiring-page --check
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	cargo clippy $(AVR) -p servo-node --bin servo-node -- -D warnings

@@ -344,7 +344,8 @@ impl Schedule {
         /// Ticks of Timer0 from BOTTOM to an odd slot, modulo its period. An even slot has 0.
         const ODD: u8 = (SLOT / TICKS_OF_TIMER0 % PERIOD) as u8;
         const {
-            assert!(SLOT % TICKS_OF_TIMER0 == 0 && 2 * SLOT / TICKS_OF_TIMER0 % PERIOD == 0);
+            assert!(SLOT.is_multiple_of(TICKS_OF_TIMER0));
+            assert!((2 * SLOT / TICKS_OF_TIMER0).is_multiple_of(PERIOD));
             assert!(SLOT / TICKS_OF_TIMER0 + PERIOD < 4 * PERIOD);
         }
         // A period of Timer0 more, so that the difference is not negative.
