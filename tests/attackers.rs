@@ -217,6 +217,27 @@ fn a_safety_switch_that_two_nodes_turned_on_is_not_turned_off_by_one() {
     assert_eq!(hub.widths_us()[4], Some(1900.0), "neither says that it is on");
 }
 
+/// A node may turn the switch on as long as an output followed its command last.
+#[test]
+fn a_node_whose_output_another_commands_since_then_may_not_turn_the_safety_switch_on() {
+    let mut hub = Hub::with_motors(0);
+    for (taken, expected_us) in [(5, None), (7, Some(1900.0))] {
+        hub.position(OTHER, 7, 1200.0);
+        hub.rig.run_ms(5);
+        // Longer than any failsafe and MOT_TIMEOUT.
+        hub.rig.run_ms(5_000);
+        hub.position(AUTOPILOT, taken, 1300.0);
+        hub.rig.run_ms(5);
+        hub.send(SAFETY_STATE | OTHER, &[SAFE]);
+        hub.rig.run_ms(5);
+        hub.position(AUTOPILOT, taken, 1900.0);
+        let widths = hub.widths_us();
+        assert_eq!(widths[usize::from(taken) - 1], expected_us, "{}", hub.rig.serial);
+        // What the switch says counts for three seconds.
+        hub.rig.run_ms(5_000);
+    }
+}
+
 #[test]
 fn a_servo_follows_a_commander_with_another_node_id_at_once_and_motors_follow_once_it_is_armed() {
     let mut hub = Hub::with_motors(4);
