@@ -189,7 +189,7 @@ impl Program {
                 has_ticked: board.has_ticked(),
                 has_chore: node.has_chore(),
                 is_controller_due: controller.is_due,
-                wants_filters: node.wants_filters(controller.is_empty, receiver),
+                wants_filters: node.wants_filters(controller.is_empty),
                 is_on_bus: controller.is_running,
                 has_room: controller.has_room,
                 has_frame_to_send: node.is_ready(),

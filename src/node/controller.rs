@@ -6,7 +6,6 @@ use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Notice};
 use super::acceptance::{Filters, NodeAcceptance, Row};
 use super::condition::Conditions;
 use super::health::count;
-use super::wire::Receiver;
 use super::{FILTERS_WAIT_S, Node};
 use crate::monitor::{Line, Monitor};
 use crate::progmem::Progmem;
@@ -32,14 +31,13 @@ impl Node {
     /// True if the controller should get new filters now. New filters are pending after the node
     /// got an ID or its first motor, and after a failsafe during which no command was received,
     /// because wrong filters may be the cause. Setting filters takes the controller off the bus for
-    /// 5 ms. So the node waits, for `FILTERS_WAIT_S` at most, until it neither sends a transfer nor
-    /// receives a list, and the controller has sent all its frames (`is_controller_empty`). It does
-    /// not wait for the rest of a request, which may take two seconds: until then it could send
-    /// nothing.
-    pub fn wants_filters(&self, is_controller_empty: bool, receiver: &Receiver) -> bool {
+    /// 5 ms. So the node waits, for `FILTERS_WAIT_S` at most, until it sends no transfer, and the
+    /// controller has sent all its frames (`is_controller_empty`). It does not wait for the rest of
+    /// what it receives: it sends nothing until then, and another node could begin one transfer
+    /// after the other.
+    pub fn wants_filters(&self, is_controller_empty: bool) -> bool {
         self.filters_s != 0
-            && (self.filters_s == 1
-                || is_controller_empty && !self.outgoing.is_busy() && !receiver.is_receiving_list())
+            && (self.filters_s == 1 || is_controller_empty && !self.outgoing.is_busy())
     }
 
     /// Notes that the controller got its filters.

@@ -192,12 +192,6 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         }
     }
 
-    /// True while a list of several frames is being received. Other transfers do not count: one
-    /// that is never completed would count for [`FRAME_TIMEOUT_MS`].
-    pub fn is_receiving_list(&self) -> bool {
-        self.lists.iter().any(|lane| lane.is_open)
-    }
-
     /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so,
     /// and at least every 30 s, because the clock wraps.
     #[inline(always)]
@@ -263,17 +257,17 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
                     return Verdict::Rejected(Rejection::Malformed);
                 };
                 payload = rest;
+                let trusted = self.trust.replace(source, 0);
                 if lane.is_open {
                     verdict = Verdict::Rejected(Rejection::Broken);
                     if lane.source != source || K::LANE_FOR_EACH_TYPE && lane.kind != kind {
                         verdict = Verdict::Rejected(Rejection::Interleaved);
-                        if self.trust.keeps(lane, source, inherited, expires_ms as u8) {
+                        if self.trust.keeps(lane, source, trusted, inherited, expires_ms) {
                             return verdict;
                         }
                     }
                 }
-                let stamp = self.trust.take(source, expires_ms as u8);
-                lane.stamp = if stamp != 0 { stamp } else { inherited };
+                lane.stamp = if trusted != 0 { expires_ms as u8 | 1 } else { inherited };
                 lane.crc = *crc;
                 lane.sum = kind.seed();
             }

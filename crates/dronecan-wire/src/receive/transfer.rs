@@ -37,8 +37,8 @@ const NOWHERE: u8 = 0x80;
 pub struct Transfer<K, const KEPT: usize> {
     /// The transfer is not complete.
     pub(super) is_open: bool,
-    /// See [`Trust::take`](super::Trust::take): when the transfer began, or 0 if the sender was not
-    /// trusted.
+    /// 0 if the sender was not [trusted](super::Trust) when the transfer began. Else when that was,
+    /// in milliseconds modulo 256 and with the last bit set.
     pub(super) stamp: u8,
     /// The type of the transfer.
     pub kind: K,
@@ -150,7 +150,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     /// `expires_ms`: when a transfer would expire whose frame came now.
     #[inline(always)]
     pub(super) fn is_held(&self, expires_ms: u16) -> bool {
-        self.is_open && expires_ms.wrapping_sub(self.expires_ms) < u16::from(HOLD_MS)
+        self.is_open && expires_ms.wrapping_sub(self.expires_ms) < HOLD_MS
     }
 
     /// How readily the transfer gives up its lane.

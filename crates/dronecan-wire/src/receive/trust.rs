@@ -31,7 +31,7 @@ use super::Transfer;
 /// advance just after the frame, so the time is at least 3 ms and at most 4 ms. The next frame of
 /// a transfer comes within 2.6 ms at 125 kbit/s if one frame of higher priority goes first, and
 /// the frame that wants its lane does, too. (A frame of eight bytes has up to 160 bits.)
-pub(super) const HOLD_MS: u8 = 4;
+pub(super) const HOLD_MS: u16 = 4;
 
 /// A transfer keeps its lane against trusted senders for this time after its first frame, in
 /// milliseconds. Less than the period of commands at 50 Hz: one slow transfer keeps out one list.
@@ -58,68 +58,54 @@ impl Trust {
     /// No sender is trusted.
     pub(super) const NONE: Self = Self { bits: [0; 16], contenders: 0, last: 0 };
 
-    /// The byte and the mask of a sender's bit.
+    /// Sets the bit of a sender to that of `trusted`: 0 or 0xFF. Returns the bit that it had, in its
+    /// place.
     #[inline(never)]
-    fn bit(&mut self, source: u8) -> (&mut u8, u8) {
-        (&mut self.bits[usize::from(source & 15)], 1 << (source >> 4 & 7))
+    pub(super) fn replace(&mut self, source: u8, trusted: u8) -> u8 {
+        let bit = 1 << (source >> 4 & 7);
+        let byte = &mut self.bits[usize::from(source & 15)];
+        let was = *byte & bit;
+        *byte ^= was ^ (trusted & bit);
+        was
     }
-
-    #[inline(never)]
-    fn restore(&mut self, source: u8) {
-        let (byte, bit) = self.bit(source);
-        *byte |= bit;
-    }
-
     /// Trusts a sender that completed a transfer of several frames.
     #[inline(always)]
     pub(super) fn complete(&mut self, source: u8) {
         self.last = source;
-        self.restore(source);
+        self.replace(source, 0xFF);
     }
-
-    /// Ends the trust in a sender because it begins a transfer. Returns the transfer's stamp: 0 if
-    /// the sender was not trusted, else the time without its last bit, which is 1.
-    #[inline(never)]
-    pub(super) fn take(&mut self, source: u8, now_ms: u8) -> u8 {
-        let (byte, bit) = self.bit(source);
-        if *byte & bit == 0 {
-            return 0;
-        }
-        *byte ^= bit;
-        now_ms | 1
-    }
-
-    /// True if a transfer keeps its lane, although a transfer of `newcomer` begins. `inherited`:
-    /// the stamp of another transfer that `newcomer` is sending, or 0. `now_ms`: the lowest byte of
-    /// when a transfer in this lane would expire whose frame came now.
-    #[inline(never)]
+    /// True if a transfer keeps its lane, although a transfer of `newcomer` begins. `trusted`: what
+    /// [`replace`](Self::replace) returned for `newcomer`, which is trusted again if its transfer
+    /// is refused. `inherited`: the stamp of another transfer that `newcomer` is sending, or 0.
+    /// `expires_ms`: when a transfer in this lane would expire whose frame came now.
+    #[inline(always)]
     pub(super) fn keeps<K, const KEPT: usize>(
         &mut self,
         lane: &Transfer<K, KEPT>,
         newcomer: u8,
+        trusted: u8,
         inherited: u8,
-        now_ms: u8,
+        expires_ms: u16,
     ) -> bool {
-        if now_ms.wrapping_sub(lane.expires_ms as u8) >= HOLD_MS {
+        if expires_ms.wrapping_sub(lane.expires_ms) >= HOLD_MS {
             return false;
         }
         let stamp = lane.stamp;
-        let (byte, bit) = self.bit(newcomer);
-        if *byte & bit != 0 {
-            if stamp == 0 || (now_ms | 1).wrapping_sub(stamp) >= KEEP_MS {
-                return false;
-            }
-            if self.last != lane.source {
+        if trusted == 0 {
+            if stamp != 0 {
                 return true;
             }
-        } else {
-            if stamp | inherited != 0 {
-                return stamp != 0;
+            if inherited != 0 {
+                return false;
             }
             self.contenders = self.contenders.wrapping_add(1);
             return !self.contenders.is_multiple_of(CHANCE);
         }
-        self.restore(lane.source);
-        false
+        if stamp == 0 || (expires_ms as u8 | 1).wrapping_sub(stamp) >= KEEP_MS {
+            return false;
+        }
+        let keeps = self.last != lane.source;
+        self.replace(if keeps { newcomer } else { lane.source }, 0xFF);
+        keeps
     }
 }

@@ -10,7 +10,7 @@ fn each_lane_serves_one_sender_and_one_more_sender_displaces_one() {
     for frames in &first {
         assert_eq!(rig.rejects(&frames[0]), None);
     }
-    rig.now_ms += u16::from(trust::HOLD_MS);
+    rig.now_ms += trust::HOLD_MS;
     let newcomer = two(100, 1, 1);
     assert_eq!(
         rig.rejects(&newcomer[0]),
@@ -72,25 +72,6 @@ fn after_the_timeout_another_sender_gets_the_lane() {
     let theirs = two(100, 1, 2);
     assert_eq!(rig.rejects(&theirs[0]), None);
     assert_eq!(entry(rig.frame(&theirs[1])), Some((0, 2)));
-}
-
-#[test]
-fn a_list_is_being_received_from_its_first_frame_to_its_last_or_until_it_expires() {
-    let mut rig = Rig::new();
-    assert!(!rig.receiver.is_receiving_list());
-    rig.text("1003F20A 01 00 00 38 C7");
-    assert!(!rig.receiver.is_receiving_list(), "of one frame");
-    let frames = two(10, 1, 1);
-    rig.frame(&frames[0]);
-    assert!(rig.receiver.is_receiving_list());
-    rig.frame(&frames[1]);
-    assert!(!rig.receiver.is_receiving_list());
-    rig.frame(&frames[0]);
-    assert_eq!(rig.receiver.expire(51).map(|lost| lost.source), Some(10));
-    assert!(!rig.receiver.is_receiving_list());
-    rig.frame(&golden::frames(SET)[0]);
-    assert!(!rig.receiver.is_receiving_list(), "a request");
-    assert!(rig.receiver.expire(2001).is_some_and(|lost| lost.kind == Kind::GetSet));
 }
 
 #[test]
