@@ -6,6 +6,9 @@ use crate::node::parameters::{Parameter, Parameters};
 /// What a status says counts for this time, in seconds. ArduPilot sends two a second.
 const TIMEOUT_S: u8 = 4;
 
+/// The largest number of nodes whose vehicles are armed at the same time.
+const SOURCES: usize = 4;
+
 /// ArmingStatus.status: fully armed (DSDL uavcan/equipment/safety/1100.ArmingStatus.uavcan).
 const FULLY_ARMED: u8 = 255;
 
@@ -22,7 +25,7 @@ struct Source {
 
 /// The arming of the vehicle, or of the vehicles of two commanders.
 pub struct Arming {
-    sources: [Source; 2],
+    sources: [Source; SOURCES],
     /// Seconds that a status that said disarmed still counts.
     disarmed_s: u8,
 }
@@ -30,7 +33,7 @@ pub struct Arming {
 impl Arming {
     /// Nobody has said anything.
     pub const fn new() -> Self {
-        Self { sources: [Source { id: 0, armed_s: 0 }; 2], disarmed_s: 0 }
+        Self { sources: [Source { id: 0, armed_s: 0 }; SOURCES], disarmed_s: 0 }
     }
 
     /// Acts on the status of an ArmingStatus from this node.
@@ -39,19 +42,20 @@ impl Arming {
         if !is_armed {
             self.disarmed_s = TIMEOUT_S;
         }
-        // Its own place, or a free one.
-        let [first, second] = &mut self.sources;
-        let source = if first.id == id {
-            first
-        } else if second.id == id {
-            second
-        } else if first.armed_s == 0 {
-            first
-        } else if second.armed_s == 0 {
-            second
-        } else {
-            return;
-        };
+        // Its own place, or a free one. A node whose status still counts is never displaced, because
+        // it may be commanding an output: a fifth waits until one of the four says disarmed or
+        // nothing for four seconds.
+        let mut place = None;
+        for source in &mut self.sources {
+            if source.id == id {
+                place = Some(source);
+                break;
+            }
+            if source.armed_s == 0 {
+                place = Some(source);
+            }
+        }
+        let Some(source) = place else { return };
         *source = Source { id, armed_s: if is_armed { TIMEOUT_S } else { 0 } };
     }
 
@@ -110,5 +114,30 @@ impl Arming {
 impl Default for Arming {
     fn default() -> Self {
         Self::new()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn four_nodes_arm_and_a_fifth_waits_until_one_of_them_is_silent_or_disarmed() {
+        let mut arming = Arming::new();
+        for id in [10, 11, 12, 13, 14] {
+            arming.act_on_status(id, FULLY_ARMED);
+        }
+        let armed = |arming: &Arming| [10, 11, 12, 13, 14].map(|id| arming.is_armed_by(id));
+        assert_eq!(armed(&arming), [true, true, true, true, false]);
+        arming.act_on_status(11, 0);
+        arming.act_on_status(14, FULLY_ARMED);
+        assert_eq!(armed(&arming), [true, false, true, true, true]);
+        for _ in 0..TIMEOUT_S {
+            arming.second();
+            arming.act_on_status(14, FULLY_ARMED);
+        }
+        assert_eq!(armed(&arming), [false, false, false, false, true]);
+        arming.act_on_status(11, FULLY_ARMED);
+        assert_eq!(armed(&arming), [false, true, false, false, true]);
     }
 }
