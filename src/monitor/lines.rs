@@ -98,8 +98,7 @@ impl Monitor {
         Some(self.log_line(line))
     }
 
-    /// True if the queue is full, so that [`log_frame`](Self::log_frame) would drop a line.
-    pub fn is_full(&self) -> bool {
+    fn is_full(&self) -> bool {
         self.waiting == QUEUE_LEN as u8 - 1
     }
 

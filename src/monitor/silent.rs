@@ -47,12 +47,6 @@ impl Monitor {
         &mut self.event
     }
 
-    /// True: no line is queued.
-    #[inline(always)]
-    pub fn is_full(&self) -> bool {
-        true
-    }
-
     /// The same for a line about a single frame.
     pub fn log_frame(&mut self, _line: Line) -> Option<&mut Event> {
         None

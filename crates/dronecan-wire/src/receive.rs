@@ -297,8 +297,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
             self.trust.complete(source);
         }
         if entry_len != 0 {
-            // A frame has room for two entries at most.
-            if lane.len != 0 || !tail.is_single() && lane.entries > kind.most_entries() {
+            if lane.len != 0 || lane.entries > kind.most_entries() {
                 return Verdict::Rejected(Rejection::Length);
             }
             lane.len = if lane.slots != 0 { entry_len } else { 0 };

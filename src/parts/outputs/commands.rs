@@ -222,7 +222,7 @@ impl Outputs {
         let is_motor = motors::ARE_THERE && unit == CommandType::Throttle;
         let mut line =
             if is_motor { self.blocked_motor(source) } else { self.blocked(source, parameters) };
-        let (mut commander, mut is_second, mut pulse, mut value) = (0, false, 0, 0);
+        let (mut commander, mut is_second) = (0, false);
         if line == Line::NONE {
             let before = self.each[place(output)].pulse();
             let followed = &mut self.each[place(output)];
@@ -235,7 +235,7 @@ impl Outputs {
             if update::IS_THERE {
                 self.recent_s = RECENT_S;
             }
-            (pulse, value) = self.each[place(output)].follow(now_ms);
+            let (pulse, value) = self.each[place(output)].follow(now_ms);
             board.set(output, pulse);
             self.hears_commands = false;
             self.failing &= !bit;
@@ -248,12 +248,16 @@ impl Outputs {
                 line = Line::NONE;
             }
             self.logged |= bit;
+            if line != Line::NONE {
+                event.set_a(unit.logged(value));
+                event.set_b(pulse);
+            }
         }
         // The command is followed whole. (In a flood a part of it may have been replaced.)
         if OUTPUTS == 1 || self.firsts & bit != 0 || self.waiting == 0 {
             board.commit();
         }
-        Followed { line, unit, value, pulse, commander, is_second }
+        Followed { line, commander, is_second }
     }
 
     /// The next output whose entry waits: from one output to the one before it, so that each has

@@ -78,23 +78,11 @@ pub struct Followed {
     /// The line to log, which is a refusal if the entry is not followed; [`Line::NONE`] if there is
     /// nothing to log.
     pub line: Line,
-    unit: CommandType,
-    value: i16,
-    /// The pulse that the command asks for; 0 if it is refused.
-    pub pulse: Ticks,
     /// The sender of the command, if this is the first of its entries that is followed.
     pub commander: u8,
     /// The output followed another node's command a moment ago. Only of a build that knows the
     /// commander of each output.
     pub is_second: bool,
-}
-
-impl Followed {
-    /// The value for the line: see [`CommandType::logged`].
-    #[inline(always)]
-    pub fn logged(&self) -> u16 {
-        self.unit.logged(self.value)
-    }
 }
 
 /// For a quick search, outputs are listed by the lower four bits of their ID. A single output is

@@ -43,10 +43,7 @@ impl Rig {
         let mut event = Event::new(Line::Running);
         while self.outputs.has_entry() {
             let (parameters, servos) = (&self.parameters, &mut self.servos);
-            let followed = self.outputs.follow_next(&mut event, self.now_ms, parameters, servos);
-            event.set_a(followed.logged());
-            event.set_b(followed.pulse);
-            line = followed.line;
+            line = self.outputs.follow_next(&mut event, self.now_ms, parameters, servos).line;
         }
         (line, event)
     }
