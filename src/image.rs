@@ -6,6 +6,7 @@ use crate::monitor::text::Texts;
 use crate::monitor::{TEXTS, TextsAndNames};
 use crate::node::acceptance::{self, Filters};
 use crate::node::information::{self, Information};
+use crate::node::kind::{self, DataTypes};
 use crate::node::parameters::{self, Descriptions};
 use crate::progmem::Progmem;
 
@@ -40,17 +41,22 @@ impl Table for OutputPins {
     const BEGIN: u16 = Filters::BEGIN + acceptance::PACKED.len() as u16;
 }
 
-const LEN: usize = OutputPins::BEGIN as usize + PACKED_OUTPUT_PINS.len();
+impl Table for DataTypes {
+    const BEGIN: u16 = OutputPins::BEGIN + PACKED_OUTPUT_PINS.len() as u16;
+}
+
+const LEN: usize = DataTypes::BEGIN as usize + kind::PACKED.len();
 
 /// All tables, one after the other.
 pub const IMAGE: [u8; LEN] = {
     let mut image = [0; LEN];
-    let parts: [&[u8]; 5] = [
+    let parts: [&[u8]; 6] = [
         &information::PACKED,
         TEXTS,
         &parameters::PACKED,
         &acceptance::PACKED,
         &PACKED_OUTPUT_PINS,
+        &kind::PACKED,
     ];
     let (mut at, mut part) = (0, 0);
     while part < parts.len() {

@@ -231,7 +231,7 @@ impl Program {
         let Self { node, receiver, monitor, .. } = self;
         let passed_ms = board.tick();
         let now_ms = board.now_ms();
-        node.expire(receiver, now_ms, monitor);
+        node.expire(receiver, now_ms, B::FLASH, monitor);
         node.tick(passed_ms, now_ms, board.eeprom(), monitor);
         node.show(board.outputs());
         board.set_light(node.light());

@@ -13,6 +13,7 @@ use super::wire::Transfer;
 use super::{Constants, Node};
 use crate::hardware::OUTPUTS;
 use crate::monitor::Line;
+use crate::progmem::Progmem;
 
 /// Bit of a [`Kind`]'s number: the transfer is a request.
 const REQUEST: u8 = 1 << 7;
@@ -112,8 +113,8 @@ macro_rules! received {
                 Self::Unknown
             }
 
-            /// The ID of the data type or service.
-            #[inline(never)]
+            /// The ID of the data type or service, for constants. A program reads
+            /// [`data_type`](Self::data_type).
             pub const fn id(self) -> u16 {
                 $($(#[cfg($if)] if self as u8 == Self::$kind as u8 {
                     return $type.id as u16;
@@ -240,6 +241,20 @@ macro_rules! received {
     (@last ($other:ident, $method:ident)($($value:ident),*)) => { Node::$method($($value),*) };
 }
 
+/// The [table in flash](crate::progmem) of the IDs of the data types and services.
+pub struct DataTypes;
+
+/// The IDs, in the order of the rows, low byte first.
+pub const PACKED: [u8; 2 * Kind::ALL.len()] = {
+    let mut packed = [0; _];
+    let mut row = 0;
+    while row < Kind::ALL.len() {
+        [packed[2 * row], packed[2 * row + 1]] = Kind::ALL[row].id().to_le_bytes();
+        row += 1;
+    }
+    packed
+};
+
 /// True if one of the values is true.
 const fn is_any(values: &[bool]) -> bool {
     let mut n = 0;
@@ -319,6 +334,13 @@ received! {
 }
 
 impl Kind {
+    /// The ID of the data type or service. Not of [`Unknown`](Self::Unknown).
+    #[inline(never)]
+    pub fn data_type(self, flash: impl Progmem<DataTypes>) -> u16 {
+        let at = 2 * (u16::from(self as u8 & (COMMAND - 1)) - 1);
+        u16::from_le_bytes([flash.byte(at), flash.byte(at + 1)])
+    }
+
     /// True for a request to this node.
     #[inline(always)]
     pub const fn is_request(self) -> bool {

@@ -72,7 +72,9 @@ use temperature::Temperature;
 use wire::Receiver;
 
 /// The flash with all tables of the node.
-pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
+pub trait Constants:
+    Progmem<Descriptions> + Progmem<Information> + Progmem<kind::DataTypes>
+{
     /// The byte at index `at` of [`information::PACKED`].
     #[inline(never)]
     fn information(self, at: u8) -> u8 {
@@ -80,7 +82,7 @@ pub trait Constants: Progmem<Descriptions> + Progmem<Information> {
     }
 }
 
-impl<P: Progmem<Descriptions> + Progmem<Information>> Constants for P {}
+impl<P: Progmem<Descriptions> + Progmem<Information> + Progmem<kind::DataTypes>> Constants for P {}
 
 /// The longest time that new filters wait for a moment without a transfer, in seconds. Longer than
 /// a transfer may take.
@@ -279,9 +281,15 @@ impl Node {
 
     /// Drops transfers that timed out. Call at every tick.
     #[inline(never)]
-    pub fn expire(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
+    pub fn expire(
+        &mut self,
+        receiver: &mut Receiver,
+        now_ms: u16,
+        flash: impl Constants,
+        monitor: &mut Monitor,
+    ) {
         if let Some(transfer) = receiver.expire(now_ms) {
-            self.lose(Rejection::Broken, transfer.kind.id(), transfer.source, monitor);
+            self.lose(Rejection::Broken, transfer.kind.data_type(flash), transfer.source, monitor);
         }
     }
 
@@ -354,14 +362,7 @@ impl Node {
             count(&mut self.health.counts.followed);
             self.commanded_by(source, followed.is_second, monitor);
         }
-        if followed.line != Line::NONE {
-            // To convert the value takes time.
-            if !monitor.is_full() {
-                self.note.set_a(followed.logged());
-                self.note.set_b(followed.pulse);
-            }
-            self.log_note(followed.line, monitor);
-        }
+        self.log_note(followed.line, monitor);
         self.end_failsafe(monitor);
     }
 

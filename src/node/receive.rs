@@ -59,28 +59,28 @@ impl Node {
             }
             Verdict::Message(transfer) | Verdict::Request(transfer) => transfer,
         };
+        self.note.set_source(transfer.source);
+        self.note.set_transfer(transfer.transfer_id());
         let mut context = Context { now_ms, flash, monitor, argument: 0, value: 0 };
         let line = self.act(transfer, &mut context);
         let Context { argument, value, .. } = context;
         self.stats.count_received();
         if line.is_refusal() {
             count(&mut self.health.counts.refused);
-            self.note.set_a(dialect::data_type(transfer.kind));
+            self.note.set_a(transfer.kind.data_type(flash));
         } else if transfer.kind.is_request() {
             self.services.add(transfer, argument, value);
         }
-        if line != Line::NONE {
-            self.note.set_source(transfer.source);
-            self.note.set_transfer(transfer.transfer_id());
-            self.log_note(line, monitor);
-        }
+        self.log_note(line, monitor);
     }
 
     /// Logs a line with the values of the note.
     #[inline(never)]
     pub(super) fn log_note(&mut self, line: Line, monitor: &mut Monitor) {
         self.note.set_line(line);
-        if let Some(event) = monitor.log_frame(line) {
+        if line != Line::NONE
+            && let Some(event) = monitor.log_frame(line)
+        {
             *event = self.note;
         }
     }

@@ -200,7 +200,7 @@ impl Node {
         }
         self.sending = Sending::Response;
         let Pending { kind, to, priority, transfer_id, .. } = pending;
-        let id = Id::response(priority, kind.id() as u8, to, self.id);
+        let id = Id::response(priority, kind.data_type(context.flash) as u8, to, self.id);
         self.outgoing.begin(id.to_bytes(), transfer_id, kind.seed());
         true
     }

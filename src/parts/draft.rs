@@ -171,11 +171,6 @@ pub fn origin(frame: &Frame) -> (u16, u8) {
     (upper_half(frame) >> 3, (b1 << 6 | b2 >> 2) & 0x7F)
 }
 
-/// Data type ID of a message of this kind.
-pub fn data_type(kind: Kind) -> u16 {
-    if kind == Kind::ServoCommand { SERVO_COMMAND } else { NODE_STATUS.id }
-}
-
 /// Reads a frame for the node with this ID.
 pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
     if frame.is_foreign() {

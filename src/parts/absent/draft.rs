@@ -110,12 +110,6 @@ pub fn origin(frame: &Frame) -> (u16, u8) {
     (id.data_type(), id.source())
 }
 
-/// Data type ID of a message of this kind.
-#[inline(always)]
-pub fn data_type(kind: Kind) -> u16 {
-    kind.id()
-}
-
 /// Reads a frame for the node with this ID, or 0 if it has none.
 #[inline(always)]
 pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
