@@ -163,10 +163,14 @@ impl Outputs {
             (&raw mut NEWEST).write_volatile(newest);
             (&raw const USED).read_volatile()
         };
-        let mut set = 0;
-        while set == newest || set == used {
-            set += 1;
-        }
+        let is_free = |set| set != newest && set != used;
+        let set = if is_free(0) {
+            0
+        } else if is_free(1) {
+            1
+        } else {
+            2
+        };
         self.set = set;
         let (mut from, mut to) = (widths(newest), widths(set));
         for _ in 0..OUTPUTS {

@@ -7,7 +7,6 @@ use mcp2515_ordered::{Frame, Pattern};
 use super::Heard;
 use crate::node::condition::Conditions;
 use crate::node::health::Level;
-use crate::node::kind::Kind;
 use crate::node::parameters::{Descriptions, Parameters};
 use crate::node::publisher::Publication;
 use crate::node::store::{Eeprom, Store};
