@@ -42,9 +42,9 @@ impl Arming {
         if !is_armed {
             self.disarmed_s = TIMEOUT_S;
         }
-        // Its own place, or a free one. A node whose status still counts is never displaced, because
-        // it may be commanding an output: a fifth waits until one of the four says disarmed or
-        // nothing for four seconds.
+        // Its own place, or a free one. A node whose status still counts is never displaced,
+        // because it may be commanding an output: a fifth waits until one of the four says disarmed
+        // or nothing for four seconds.
         let mut place = None;
         for source in &mut self.sources {
             if source.id == id {

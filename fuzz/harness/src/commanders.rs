@@ -394,7 +394,7 @@ impl Hub {
 
     fn end(&mut self, which: u8) {
         self.is_ending = true;
-        if which % 4 == 0 {
+        if which.is_multiple_of(4) {
             self.request(RESTART_NODE, &[0x1E, 0x1B, 0x55, 0xCE, 0xAC], 0);
         } else {
             self.request(UPDATE, b"\0fw.bin", 0xB7D7_25DF_7272_4126);

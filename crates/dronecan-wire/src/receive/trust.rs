@@ -20,8 +20,8 @@
 //!   sender that begins a transfer every few milliseconds could keep a sender out that is not
 //!   trusted yet, or has lost a frame, for ever.
 //!
-//! A search over all that one attacker can do (`tests/search.rs`) finds that it breaks at most every
-//! other list of a commander that sends at 50 Hz and is trusted at first. Two attackers that
+//! A search over all that one attacker can do (`tests/search.rs`) finds that it breaks at most
+//! every other list of a commander that sends at 50 Hz and is trusted at first. Two attackers that
 //! alternate, or one beside a third node that completes lists between its own, still keep a
 //! commander out of a single lane. So does one attacker while the commander is not trusted.
 
@@ -58,8 +58,8 @@ impl Trust {
     /// No sender is trusted.
     pub(super) const NONE: Self = Self { bits: [0; 16], contenders: 0, last: 0 };
 
-    /// Sets the bit of a sender to that of `trusted`: 0 or 0xFF. Returns the bit that it had, in its
-    /// place.
+    /// Sets the bit of a sender to that of `trusted`: 0 or 0xFF. Returns the bit that it had, in
+    /// its place.
     #[inline(never)]
     pub(super) fn replace(&mut self, source: u8, trusted: u8) -> u8 {
         let bit = 1 << (source >> 4 & 7);
