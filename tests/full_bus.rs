@@ -127,23 +127,25 @@ fn followed(outcome: &Outcome) -> (u64, u64) {
     })
 }
 
-/// At 90 % of the bus, with random gaps between the frames. With all features a frame costs more,
-/// and a command may wait for 1.1 ms.
+/// At 90 % of the bus, with random gaps between the frames. With all features a frame costs more.
 #[test]
-fn at_90_percent_of_a_full_bus_each_command_is_in_the_register_within_500_us() {
-    let single = setups().filter(|setup| setup.outputs() == 1);
-    let commands = single.flat_map(|setup| {
+fn at_90_percent_of_a_full_bus_a_command_is_followed_within_900_us_and_of_eight_within_3500() {
+    let commands = setups().flat_map(|setup| {
         let commands = Traffic::all(setup).into_iter().filter(|kind| kind.is_commands());
         commands
             .map(move |kind| Scenario { pace: Pace::Percent(90), ..Scenario::full(setup, kind) })
     });
     let runs = run_all(commands.collect(), FLOOD_MS);
     assert_none(&runs, |scenario, outcome| {
-        let late_us = u64::from(outcome.register.settled.max()) / US;
+        let late_us = u64::from(outcome.longest_to_follow()) / US;
         let (frames, lost) = (outcome.frames(), outcome.meter.lost);
         // The node and the client send, too.
         let is_load = (85.0..97.0).contains(&outcome.busy_percent);
-        let most_us = if scenario.setup.preset == Preset::Full { 1100 } else { 500 };
+        let most_us = match (scenario.setup.preset, scenario.setup.outputs()) {
+            (Preset::Full, 1) => 900,
+            (Preset::Full, _) => 3500,
+            _ => 500,
+        };
         (late_us > most_us || lost > 0 || !is_load).then(|| {
             let busy = outcome.busy_percent;
             format!("{late_us} us, {lost} of {frames} frames lost at {busy:.0} %")
