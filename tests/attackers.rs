@@ -310,6 +310,29 @@ fn an_output_whose_id_changes_while_a_command_comes_in_does_not_follow_it() {
     }
 }
 
+/// Another node's invalid commands for the same outputs come while the autopilot's entries wait to
+/// be followed.
+#[test]
+fn invalid_commands_right_after_a_list_replace_none_of_its_entries() {
+    let mut hub = Hub::with_motors(0);
+    let mut random = Noise::new(11);
+    for round in 0..20u8 {
+        let width = |output: u8| f64::from(1000 + 100 * u16::from(output) + 10 * u16::from(round));
+        let list: Vec<_> = (1..=8).map(|id| (id, PWM, width(id) as f32)).collect();
+        for data in array_command(&list, round) {
+            hub.rig.send(ARRAY_COMMAND | AUTOPILOT, &data);
+        }
+        let first = random.below(8) as u8;
+        for n in 0..8 {
+            let id = 1 + (first + n) % 8;
+            let data = &array_command(&[(id, PWM, f32::NAN)], (8 * round + n) % 32)[0];
+            hub.rig.send(ARRAY_COMMAND | OTHER, data);
+        }
+        let expected: Vec<_> = (1..=8).map(|id| Some(width(id))).collect();
+        assert_eq!(hub.widths_us(), expected, "round {round}, from output {}", first + 1);
+    }
+}
+
 /// To apply parameters the node takes a turn for each output, and commands come in between.
 #[test]
 fn while_a_parameter_is_set_each_output_follows_its_commands() {

@@ -65,33 +65,37 @@ fn frames_back_to_back_are_received_in_order() {
     assert_eq!(newest, 40, "{logged:?}");
 }
 
-/// INT falls late, so that two frames wait, and a third arrives while the node reads them.
+/// INT falls late, so that two frames wait. A third may arrive while the node reads them.
 #[test]
 fn frames_that_waited_in_both_buffers_are_read_in_order() {
-    let mut rig = Rig::running();
-    rig.overflows_expected = true;
-    let mut complete = 0;
-    for step in 0..100 {
-        rig.forget();
-        rig.board().set_stuck_int(Some(true));
-        for n in 0..3 {
-            rig.send(0x1003_F20A, &[1, 4, step as u8, 0x64 + n, 0xC0 | n]);
+    for count in [2, 3] {
+        let mut rig = Rig::running();
+        rig.overflows_expected = true;
+        let mut complete = 0;
+        for step in 0..100 {
+            rig.forget();
+            rig.board().set_stuck_int(Some(true));
+            for n in 0..count {
+                rig.send(0x1003_F20A, &[1, 4, step as u8, 0x64 + n, 0xC0 | n]);
+            }
+            let moment = rig.now() + (150 + 2 * step) * US;
+            rig.run_until(moment);
+            rig.board().set_stuck_int(None);
+            rig.run_ms(25);
+            let logged: Vec<u8> = rig
+                .serial
+                .lines()
+                .filter_map(|line| line.strip_prefix("rx ArrayCommand from 10 tid "))
+                .map(|rest| rest.as_bytes()[0] - b'0')
+                .collect();
+            assert!(logged.is_sorted(), "{count}, after {} us: {logged:?}", 150 + 2 * step);
+            // The node follows, and logs, only the newest of the commands that wait.
+            complete += usize::from(logged.ends_with(&[count - 1]));
         }
-        let moment = rig.now() + (150 + 2 * step) * US;
-        rig.run_until(moment);
-        rig.board().set_stuck_int(None);
-        rig.run_ms(25);
-        let logged: Vec<&str> = rig
-            .serial
-            .lines()
-            .filter_map(|line| line.strip_prefix("rx ArrayCommand from 10 tid "))
-            .map(|rest| &rest[..1])
-            .collect();
-        assert!(logged.is_sorted(), "released after {} us: {logged:?}", 150 + 2 * step);
-        // The node follows, and logs, only the newest of the commands that wait.
-        complete += usize::from(logged.ends_with(&["2"]));
+        // The buffers have no room for the third if INT falls after it.
+        let least = if count == 2 { 100 } else { 51 };
+        assert!(complete >= least, "{count}: {complete}");
     }
-    assert!(complete > 50, "{complete}");
 }
 
 #[test]
