@@ -98,7 +98,8 @@ pub(super) struct Others {
     /// Commands for outputs of the node since the faultless phase began: each is to be followed.
     pub(super) followed: u64,
     /// Commands of several frames that the half-commander completed. Each lets one of its first
-    /// frames keep a command of the autopilot out of a single lane.
+    /// frames keep a command of the autopilot out of a single lane, and another one take the lane
+    /// in turn, if the autopilot completed a command since.
     pub(super) favours: u64,
     /// Transfers that the node may count as rejected.
     pub(super) rejected: u64,
