@@ -67,7 +67,7 @@ impl Node {
         self.stats.count_received();
         if line.is_refusal() {
             count(&mut self.health.counts.refused);
-            self.note.set_a(transfer.kind.data_type(flash));
+            self.note.set_a(dialect::data_type(transfer.kind, flash));
         } else if transfer.kind.is_request() {
             self.services.add(transfer, argument, value);
         }

@@ -16,7 +16,7 @@ use mcp2515_ordered::{Frame, Pattern};
 use super::Heard;
 use crate::node::condition::Conditions;
 use crate::node::health::Level;
-use crate::node::kind::Kind;
+use crate::node::kind::{DataTypes, Kind};
 use crate::node::parameters::{Descriptions, Parameters};
 use crate::node::publisher::Publication;
 use crate::node::store::{self, Eeprom, Store};
@@ -169,6 +169,11 @@ fn upper_half(frame: &Frame) -> u16 {
 pub fn origin(frame: &Frame) -> (u16, u8) {
     let [_, b1, b2, _] = frame.id;
     (upper_half(frame) >> 3, (b1 << 6 | b2 >> 2) & 0x7F)
+}
+
+/// Data type ID of a message of this kind: this dialect has numbers of its own.
+pub fn data_type(kind: Kind, _flash: impl Progmem<DataTypes>) -> u16 {
+    if kind == Kind::ServoCommand { SERVO_COMMAND } else { NODE_STATUS.id }
 }
 
 /// Reads a frame for the node with this ID.

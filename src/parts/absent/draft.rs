@@ -7,6 +7,7 @@ use mcp2515_ordered::{Frame, Pattern};
 use super::Heard;
 use crate::node::condition::Conditions;
 use crate::node::health::Level;
+use crate::node::kind::{DataTypes, Kind};
 use crate::node::parameters::{Descriptions, Parameters};
 use crate::node::publisher::Publication;
 use crate::node::store::{Eeprom, Store};
@@ -107,6 +108,12 @@ pub fn read_status(status: &Transfer) -> Option<Heard> {
 pub fn origin(frame: &Frame) -> (u16, u8) {
     let id = Id::from_bytes(frame.id);
     (id.data_type(), id.source())
+}
+
+/// Data type ID of a message of this kind.
+#[inline(always)]
+pub fn data_type(kind: Kind, flash: impl Progmem<DataTypes>) -> u16 {
+    kind.data_type(flash)
 }
 
 /// Reads a frame for the node with this ID, or 0 if it has none.
