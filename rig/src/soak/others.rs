@@ -81,7 +81,9 @@ impl Commanded {
     fn lag(&self, start: Cycles, us: f64, tolerance_us: f64) -> Option<Cycles> {
         let since = start.saturating_sub(NEWEST);
         let given = self.0.iter().take_while(|(at, _)| *at <= start).count();
-        let first = self.0[..given].iter().rposition(|(at, _)| *at < since).unwrap_or(0);
+        let last_before = self.0[..given].iter().rposition(|(at, _)| *at < since).unwrap_or(0);
+        // On a single lane the half-commander may have kept that one out: see `favours`.
+        let first = last_before.saturating_sub(usize::from(!has_all_features()));
         let is_it = |(_, wanted): &(Cycles, f64)| (wanted - us).abs() <= tolerance_us;
         let found = first + self.0[first..given].iter().rposition(is_it)?;
         Some(self.0[..given].get(found + 1).map_or(0, |(at, _)| start - at))
