@@ -116,17 +116,17 @@ impl Pulses for Outputs {
     #[inline(never)]
     fn set(&mut self, output: usize, width: Ticks) {
         // Safety: only the main loop uses this set.
-        let current = unsafe { &mut *widths(self.set).wrapping_add(output % OUTPUTS) };
-        if *current == width {
+        let current = unsafe { &mut (*widths(self.set))[output % OUTPUTS] };
+        // A pulse that has begun is not cut.
+        let is_cut = self.is_single && width == 0 && self.signal.is_driven_high();
+        if *current == width || is_cut {
             return;
         }
-        if !self.is_single {
-            *current = width;
-            self.has_change = true;
-        } else if width != 0 || !self.signal.is_driven_high() {
-            // A pulse that has begun is not cut.
-            *current = width;
+        *current = width;
+        if self.is_single {
             timer1::set_width(&tc1(), width);
+        } else {
+            self.has_change = true;
         }
     }
 
@@ -172,12 +172,7 @@ impl Outputs {
             2
         };
         self.set = set;
-        let (mut from, mut to) = (widths(newest), widths(set));
-        for _ in 0..OUTPUTS {
-            // Safety: the pointers are to widths of two sets. The handler reads one of them at
-            // most, and writes none.
-            unsafe { *to = *from };
-            (from, to) = (from.wrapping_add(1), to.wrapping_add(1));
-        }
+        // Safety: these are two sets. The handler reads one of them at most, and writes none.
+        unsafe { *widths(set) = *widths(newest) };
     }
 }

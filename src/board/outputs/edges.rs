@@ -120,8 +120,8 @@ pub(super) static mut NEWEST: u8 = 0;
 
 /// A set of widths.
 #[inline(always)]
-pub(super) fn widths(set: u8) -> *mut Ticks {
-    (&raw mut WIDTHS).cast::<Widths>().wrapping_add(set.into()).cast()
+pub(super) fn widths(set: u8) -> *mut Widths {
+    (&raw mut WIDTHS).cast::<Widths>().wrapping_add(set.into())
 }
 
 pub(super) fn tc0() -> TC0 {
@@ -292,8 +292,8 @@ pub(super) fn register(address: u8) -> *mut u8 {
 impl Schedule {
     /// Goes on to the next event. Returns its time.
     fn advance(&mut self, edge: &mut Edge) -> Moment {
-        // Safety: only this handler writes it. The main loop writes to other sets only.
-        let widths = unsafe { &*widths((&raw const USED).read()).cast::<Widths>() };
+        // Safety: only this handler writes `USED`. The main loop writes to other sets only.
+        let widths = unsafe { &*widths((&raw const USED).read()) };
         if self.event == Event::Rise {
             self.event = Event::Fall;
             edge.keep = !edge.set;
@@ -369,7 +369,7 @@ fn change() {
     let width = unsafe {
         let newest = (&raw const NEWEST).read_volatile();
         (&raw mut USED).write_volatile(newest);
-        *widths(newest)
+        (*widths(newest))[0]
     };
     timer1::set_width(&tc1(), width);
 }
