@@ -1141,6 +1141,9 @@ fn filters_wait_until_no_transfer_goes_out_for_four_seconds_at_most_and_for_none
     assert!(waited_ms > 2000, "{waited_ms} ms");
 }
 
+// Random input
+
+#[cfg(feature = "standard")]
 #[test]
 fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range() {
     let mut random = 12_345u32;
