@@ -84,8 +84,8 @@ pub trait Constants:
 
 impl<P: Progmem<Descriptions> + Progmem<Information> + Progmem<kind::DataTypes>> Constants for P {}
 
-/// The longest time that new filters wait for a moment without a transfer, in seconds. Longer than
-/// a transfer may take.
+/// The longest time that new filters wait for the end of an outgoing transfer, in seconds. Longer
+/// than a transfer may take.
 const FILTERS_WAIT_S: u8 = 4;
 
 /// The node.
@@ -289,7 +289,8 @@ impl Node {
         monitor: &mut Monitor,
     ) {
         if let Some(transfer) = receiver.expire(now_ms) {
-            self.lose(Rejection::Broken, transfer.kind.data_type(flash), transfer.source, monitor);
+            let data_type = dialect::data_type(transfer.kind, flash);
+            self.lose(Rejection::Broken, data_type, transfer.source, monitor);
         }
     }
 
