@@ -175,7 +175,7 @@ macro_rules! received {
             ) -> Line {
                 // Three searches: commands must not wait for those of the other messages, nor
                 // messages for those of the requests.
-                $($(#[cfg($if)] if received!(@is_first $form)
+                $($(#[cfg($if)] if received!(@form $form) & COMMAND != 0
                     && transfer.kind as u8 == Kind::$kind as u8
                 {
                     return received!(@first ($($action),+)(self, transfer, context));
@@ -188,7 +188,7 @@ macro_rules! received {
                     return received!(@first ($($action),+)(self, transfer, context));
                 })*)*
                 $($(#[cfg($if)] if !received!(@is_request $space)
-                    && !received!(@is_first $form)
+                    && received!(@form $form) & COMMAND == 0
                     && !is_request
                     && transfer.kind as u8 == Kind::$kind as u8
                 {
@@ -222,9 +222,6 @@ macro_rules! received {
     (@is_request $space:ident) => { false };
     (@is_command command) => { true };
     (@is_command $form:ident) => { false };
-    (@is_first list) => { true };
-    (@is_first command) => { true };
-    (@is_first $form:ident) => { false };
     (@form short) => { 0 };
     (@form long) => { LONG };
     (@form $form:ident) => { LONG | COMMAND };

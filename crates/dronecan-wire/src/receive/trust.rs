@@ -68,12 +68,14 @@ impl Trust {
         *byte ^= was ^ (trusted & bit);
         was
     }
+
     /// Trusts a sender that completed a transfer of several frames.
     #[inline(always)]
     pub(super) fn complete(&mut self, source: u8) {
         self.last = source;
         self.replace(source, 0xFF);
     }
+
     /// True if a transfer keeps its lane, although a transfer of `newcomer` begins. `trusted`: what
     /// [`replace`](Self::replace) returned for `newcomer`, which is trusted again if its transfer
     /// is refused. `inherited`: the stamp of another transfer that `newcomer` is sending, or 0.
