@@ -23,7 +23,7 @@ struct Source {
     armed_s: u8,
 }
 
-/// The arming of the vehicle, or of the vehicles of two commanders.
+/// The arming of the vehicle, or of the vehicles of several commanders.
 pub struct Arming {
     sources: [Source; SOURCES],
     /// Seconds that a status that said disarmed still counts.

@@ -159,11 +159,10 @@ impl Outputs {
         }
         if OUTPUTS > 1 {
             if self.waiting == 0 {
-                // Begin with the last output, so that all pulses begin in the same period.
+                // Begin with the highest output, so that the command is followed in one round.
                 self.last = (0, 1);
             }
-            // The lowest bit.
-            self.firsts = self.firsts & !outputs | outputs & outputs.wrapping_neg();
+            self.lowest = self.lowest & !outputs | outputs & outputs.wrapping_neg();
         }
         self.waiting |= outputs;
     }
@@ -200,8 +199,8 @@ impl Outputs {
         self.waiting != 0
     }
 
-    /// Follows the next entry that waits. After the last output of a round it has the board begin
-    /// the pulses in the same period. Fills in the event for the line to log.
+    /// Follows the next entry that waits. After the lowest output of a command it has the board
+    /// begin the pulses, all in the same period. Fills in the event for the line to log.
     #[inline(always)]
     pub fn follow_next(
         &mut self,
@@ -239,7 +238,7 @@ impl Outputs {
             board.set(output, pulse);
             self.hears_commands = false;
             self.failing &= !bit;
-            if OUTPUTS == 1 || self.firsts & bit != 0 {
+            if OUTPUTS == 1 || self.lowest & bit != 0 {
                 commander = source;
                 line = unit.line();
             }
@@ -253,8 +252,8 @@ impl Outputs {
                 event.set_b(pulse);
             }
         }
-        // The command is followed whole. (In a flood a part of it may have been replaced.)
-        if OUTPUTS == 1 || self.firsts & bit != 0 || self.waiting == 0 {
+        // The command is followed whole, but for entries that newer commands have replaced.
+        if self.lowest & bit != 0 || self.waiting == 0 {
             board.commit();
         }
         Followed { line, commander, is_second }

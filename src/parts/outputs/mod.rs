@@ -78,7 +78,7 @@ pub struct Followed {
     /// The line to log, which is a refusal if the entry is not followed; [`Line::NONE`] if there is
     /// nothing to log.
     pub line: Line,
-    /// The sender of the command, if this is the first of its entries that is followed.
+    /// The sender of the command, if this is its entry for the lowest output.
     pub commander: u8,
     /// The output followed another node's command a moment ago. Only of a build that knows the
     /// commander of each output.
@@ -103,14 +103,14 @@ pub struct Outputs {
     used: u8,
     /// Outputs whose entry waits to be followed: bit n is output n.
     waiting: u8,
-    /// Outputs whose entry is the first of its command: bit n is output n. A command is counted and
-    /// logged with this one.
-    firsts: u8,
+    /// The lowest output of each command: bit n is output n. It is followed after the others of the
+    /// command, which is then counted and logged, and whose pulses begin together.
+    lowest: u8,
     /// Outputs whose last followed command was logged in this second: bit n is output n.
     logged: u8,
     /// Seconds that the outputs are in use since the last followed command. For updates.
     recent_s: u8,
-    /// The output that has followed an entry last, and its bit.
+    /// The output that has followed an entry last, and its bit, which takes 38 cycles to compute.
     last: (u8, u8),
     /// Outputs in failsafe: bit n is output n.
     failing: u8,
@@ -149,7 +149,7 @@ impl Outputs {
             commander_bits: 0,
             used: 0,
             waiting: 0,
-            firsts: 0,
+            lowest: 0,
             logged: 0,
             recent_s: 0,
             last: (0, 0),
