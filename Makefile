@@ -69,7 +69,7 @@ help:
 	@echo "make fuzz       a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)"
 	@echo "make fuzz-coverage   the parsers in libFuzzer, a minute each  (TIME=900)"
 	@echo "make soak       run a node with random faults for an hour  (HOURS=4, SEED=7 for other faults; Ctrl-C ends it with a summary)"
-	@echo "make mutants    put mistakes into the sources that the unit tests must notice: hours; make elf-mutants: 55 into the firmware, for the tests on boards"
+	@echo "make mutants    put mistakes into the sources that the unit tests must notice: hours; make elf-mutants: into the firmware, for the tests on boards"
 	@echo "make reliability   measure the recovery from every fault, and write docs/reliability.md"
 	@echo "make firmware   build the firmware, and print its size"
 	@echo "make boot       build the bootloader, for firmware updates over the bus (docs/update.md)"
