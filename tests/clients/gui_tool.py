@@ -128,6 +128,8 @@ class Application(QApplication):
 
 
 def main():
+    if len(sys.argv) not in (3, 4):
+        sys.exit(__doc__)
     port, data_type, *picture = sys.argv[1:]
     # The tool reads options of its own when it is imported.
     del sys.argv[1:]
