@@ -16,13 +16,13 @@
 //!
 //! * Only the first frame of a transfer opens a lane. The transfer takes the sender's own lane,
 //!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
-//! * A transfer keeps its lane for at least 3 ms and at most 4 ms after each frame. But it gives it
-//!   up at once to a sender whose last multi-frame transfer was complete if that of its own sender
-//!   was not, or if its own sender completed one last of all. If neither's was complete, one first
-//!   frame in 16 gets the lane at once.
+//! * A transfer keeps its lane for at least 3 ms and at most 4 ms after each frame, unless another
+//!   sender has the better claim: its last transfer came to its end, and the last one of the lane's
+//!   sender did not, or it precedes that sender in an order of the node IDs that changes every
+//!   16 ms. See the module `trust`.
 //! * So a sender that begins transfers and never completes one does not keep out a sender that
-//!   completes its transfers. A sender that does both keeps a commander out of at most every other
-//!   list of 50 Hz: see the module `trust`.
+//!   completes its transfers. A sender that does both keeps it out half of the time, and several
+//!   leave it an equal part of the time or so.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
 //!   the last one. The receiver ignores any other frame that is not a first frame: either it came
 //!   twice, or its transfer was lost and reported before.
@@ -246,6 +246,9 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         let Some((lane, inherited)) = lane else {
             // A frame that continues no transfer came twice, or its transfer was lost and reported
             // before.
+            if tail.is_end() {
+                self.trust.end(source);
+            }
             return verdict;
         };
         if tail.is_start() {
@@ -257,17 +260,17 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
                     return Verdict::Rejected(Rejection::Malformed);
                 };
                 payload = rest;
-                let trusted = self.trust.replace(source, 0);
+                let trusted = self.trust.begin(source) | inherited;
                 if lane.is_open {
                     verdict = Verdict::Rejected(Rejection::Broken);
                     if lane.source != source || K::LANE_FOR_EACH_TYPE && lane.kind != kind {
                         verdict = Verdict::Rejected(Rejection::Interleaved);
-                        if self.trust.keeps(lane, source, trusted, inherited, expires_ms) {
+                        if trust::keeps(lane, source, trusted, expires_ms) {
                             return verdict;
                         }
                     }
                 }
-                lane.stamp = if trusted != 0 { expires_ms as u8 | 1 } else { inherited };
+                lane.trusted = trusted;
                 lane.crc = *crc;
                 lane.sum = kind.seed();
             }
@@ -294,7 +297,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
             if lane.sum.to_le_bytes() != lane.crc {
                 return Verdict::Rejected(Rejection::Broken);
             }
-            self.trust.complete(source);
+            self.trust.end(source);
         }
         if entry_len != 0 {
             if lane.len != 0 || lane.entries > kind.most_entries() {
@@ -307,7 +310,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
 }
 
 /// Returns the lane of the transfer that this frame continues or begins again; else, for a first
-/// frame, the lane that is free or is given up most readily. With it the stamp of another transfer
+/// frame, the lane that is free or is given up most readily. With it the trust in another transfer
 /// that the sender is sending, or 0. `expires_ms`: when a transfer would expire whose frame came
 /// now.
 #[inline(always)]
@@ -331,7 +334,7 @@ fn lane<K: Received, const KEPT: usize>(
             if !K::LANE_FOR_EACH_TYPE || lane.kind == kind {
                 return Some((lane, 0));
             }
-            inherited |= lane.stamp;
+            inherited |= lane.trusted;
         }
         let hold = lane.hold(expires_ms);
         if is_start && hold < least {

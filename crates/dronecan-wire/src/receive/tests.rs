@@ -8,6 +8,7 @@ use crate::golden::{self, Frame, frames};
 use crate::types;
 
 mod lanes;
+mod order;
 mod payload;
 mod rejected;
 mod search;

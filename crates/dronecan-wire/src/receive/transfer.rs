@@ -37,9 +37,8 @@ const NOWHERE: u8 = 0x80;
 pub struct Transfer<K, const KEPT: usize> {
     /// The transfer is not complete.
     pub(super) is_open: bool,
-    /// 0 if the sender was not [trusted](super::Trust) when the transfer began. Else when that was,
-    /// in milliseconds modulo 256 and with the last bit set.
-    pub(super) stamp: u8,
+    /// The sender's bit in [`Trust`](super::Trust) if it was trusted when the transfer began, or 0.
+    pub(super) trusted: u8,
     /// The type of the transfer.
     pub kind: K,
     /// Node ID of the sender, or 0 if the sender is anonymous.
@@ -84,7 +83,7 @@ pub(super) enum Hold {
 impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     pub(super) const NONE: Self = Self {
         is_open: false,
-        stamp: 0,
+        trusted: 0,
         kind: K::UNKNOWN,
         source: 0,
         priority: 0,
@@ -159,7 +158,7 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         match self.is_held(expires_ms) {
             _ if !self.is_open => Hold::Free,
             false => Hold::Idle,
-            true if self.stamp == 0 => Hold::Held,
+            true if self.trusted == 0 => Hold::Held,
             true => Hold::Trusted,
         }
     }

@@ -1,29 +1,27 @@
-//! Which transfer gives up its lane when another sender's transfer begins and no lane is free.
+//! Which transfer gets a lane that a transfer of another sender has.
 //!
-//! A node may begin transfers and never complete them, or begin each just before a commander's. Its
-//! transfers may neither keep the complete transfers of another sender out for long nor break many
-//! of them. No frame shows whether its transfer will be complete, so the receiver remembers of each
-//! sender whether its last one was. A sender whose last transfer of several frames was complete is
-//! *trusted*, from that transfer to its next first frame that gets a lane. A transfer of a trusted
-//! sender keeps the trust; the sender itself is trusted again when it completes one.
+//! A node may begin transfers and never complete them, complete one now and then, or begin each
+//! just before a commander's. Its transfers may neither keep the complete transfers of another
+//! sender out for long nor break many of them. No frame shows whether its transfer will be
+//! complete. So the receiver decides by two things, trust before precedence:
 //!
-//! A transfer keeps its lane for [`HOLD_MS`] after each of its frames. Within this time:
+//! * A sender is *trusted* if its last transfer of several frames came to its end. That is: it was
+//!   complete, or it had no lane and its last frame came. The trust ends with the sender's next
+//!   first frame, and goes to the transfer that this frame begins.
+//! * The order of *precedence* of the node IDs is reversed every [`ORDER_MS`], and is another
+//!   after twice this time. So each of two IDs precedes the other half of the time.
 //!
-//! * A trusted sender gets the lane of one that was not trusted at once. So a sender that begins
-//!   transfers only does not keep a trusted one out at all.
-//! * Of two trusted senders the first keeps its lane for [`KEEP_MS`] after its first frame, unless
-//!   it is the sender that completed a transfer last. In that case the newcomer gets the lane, and
-//!   the first is trusted again. So two senders whose transfers begin together take turns. And a
-//!   sender that keeps another out must complete a transfer before it can do so again: then it is
-//!   the one that completed a transfer last.
-//! * Of senders that are not trusted, one in [`CHANCE`] first frames gets the lane. Otherwise a
-//!   sender that begins a transfer every few milliseconds could keep a sender out that is not
-//!   trusted yet, or has lost a frame, for ever.
+//! A transfer keeps its lane for [`HOLD_MS`] after each of its frames. Within this time another
+//! sender's transfer gets the lane if it is trusted and the first is not, or if both are or neither
+//! is and its sender has precedence. What follows:
 //!
-//! A search over all that one attacker can do (`tests/search.rs`) finds that it breaks at most
-//! every other list of a commander that sends at 50 Hz and is trusted at first. Two attackers that
-//! alternate, or one beside a third node that completes lists between its own, still keep a
-//! commander out of a single lane. So does one attacker while the commander is not trusted.
+//! * A sender that only begins transfers does not keep a trusted one out at all.
+//! * A sender whose frames all arrive is trusted from the end of its first transfer on, even if
+//!   each is refused or displaced. So it is received whenever it precedes all other senders of that
+//!   time, whatever these do. `tests/search.rs` tries all that one and two of them can do, and
+//!   `tests/order.rs` tells how long it takes until a sender precedes the others.
+//! * A frame that the node loses costs the transfer, and if it is the last one the trust in the
+//!   next transfer. So it may cost two transfers.
 
 use super::Transfer;
 
@@ -33,81 +31,71 @@ use super::Transfer;
 /// the frame that wants its lane does, too. (A frame of eight bytes has up to 160 bits.)
 pub(super) const HOLD_MS: u16 = 4;
 
-/// A transfer keeps its lane against trusted senders for this time after its first frame, in
-/// milliseconds. Less than the period of commands at 50 Hz: one slow transfer keeps out one list.
-/// Nine frames need 11.5 ms at 125 kbit/s. The last bit is not counted, so it is at least 17 ms.
-const KEEP_MS: u8 = 18;
+/// The order of precedence stays for this time, in milliseconds. Then it is reversed, and after
+/// twice this time it is another. A power of two. Nine frames need 1.4 ms at 1 Mbit/s and 11.5 ms
+/// at 125 kbit/s, so most lists see one order. A list of 50 Hz sees another order than the one
+/// before it.
+pub(super) const ORDER_MS: u16 = 16;
 
-/// One in this many first frames gets the lane of a sender that is not trusted, if its own sender
-/// is not trusted, either. A power of two, and more than the gaps in a list of 15 entries, which
-/// has nine frames: the list is completed although another transfer begins in each gap.
-const CHANCE: u8 = 16;
+/// An odd factor with which no sender waits for long until it precedes one or two others, whether
+/// it commands at 10, 25, 50, 100 or 400 Hz: see `tests/order.rs`.
+const SPREAD: u8 = 27;
 
-/// The trusted senders.
-#[derive(Clone, Copy)]
-pub(super) struct Trust {
-    /// A bit for each node ID.
-    pub(super) bits: [u8; 16],
-    /// First frames of senders that are not trusted, modulo 256.
-    pub(super) contenders: u8,
-    /// The sender that completed a transfer of several frames last.
-    pub(super) last: u8,
-}
+/// Stands for trust, above all node IDs.
+const TRUSTED: u8 = 0x80;
+
+/// The trusted senders: a bit for each node ID.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub(super) struct Trust(pub(super) [u8; 16]);
 
 impl Trust {
     /// No sender is trusted.
-    pub(super) const NONE: Self = Self { bits: [0; 16], contenders: 0, last: 0 };
+    pub(super) const NONE: Self = Self([0; 16]);
 
     /// Sets the bit of a sender to that of `trusted`: 0 or 0xFF. Returns the bit that it had, in
     /// its place.
     #[inline(never)]
-    pub(super) fn replace(&mut self, source: u8, trusted: u8) -> u8 {
+    fn replace(&mut self, source: u8, trusted: u8) -> u8 {
         let bit = 1 << (source >> 4 & 7);
-        let byte = &mut self.bits[usize::from(source & 15)];
+        let byte = &mut self.0[usize::from(source & 15)];
         let was = *byte & bit;
         *byte ^= was ^ (trusted & bit);
         was
     }
 
-    /// Trusts a sender that completed a transfer of several frames.
+    /// Takes the trust in a sender for the transfer that it begins. Returns 0 if there was none.
     #[inline(always)]
-    pub(super) fn complete(&mut self, source: u8) {
-        self.last = source;
-        self.replace(source, 0xFF);
+    pub(super) fn begin(&mut self, source: u8) -> u8 {
+        self.replace(source, 0)
     }
 
-    /// True if a transfer keeps its lane, although a transfer of `newcomer` begins. `trusted`: what
-    /// [`replace`](Self::replace) returned for `newcomer`, which is trusted again if its transfer
-    /// is refused. `inherited`: the stamp of another transfer that `newcomer` is sending, or 0.
-    /// `expires_ms`: when a transfer in this lane would expire whose frame came now.
+    /// Trusts a sender whose transfer came to its end.
     #[inline(always)]
-    pub(super) fn keeps<K, const KEPT: usize>(
-        &mut self,
-        lane: &Transfer<K, KEPT>,
-        newcomer: u8,
-        trusted: u8,
-        inherited: u8,
-        expires_ms: u16,
-    ) -> bool {
-        if expires_ms.wrapping_sub(lane.expires_ms) >= HOLD_MS {
-            return false;
-        }
-        let stamp = lane.stamp;
-        if trusted == 0 {
-            if stamp != 0 {
-                return true;
-            }
-            if inherited != 0 {
-                return false;
-            }
-            self.contenders = self.contenders.wrapping_add(1);
-            return !self.contenders.is_multiple_of(CHANCE);
-        }
-        if stamp == 0 || (expires_ms as u8 | 1).wrapping_sub(stamp) >= KEEP_MS {
-            return false;
-        }
-        let keeps = self.last != lane.source;
-        self.replace(if keeps { newcomer } else { lane.source }, 0xFF);
-        keeps
+    pub(super) fn end(&mut self, source: u8) {
+        self.replace(source, 0xFF);
     }
+}
+
+/// True if a transfer keeps its lane, although a transfer of `newcomer` begins. `trusted`: 0 if
+/// the latter is not trusted. `expires_ms`: when a transfer in this lane would expire whose frame
+/// came now.
+#[inline(always)]
+pub(super) fn keeps<K, const KEPT: usize>(
+    lane: &Transfer<K, KEPT>,
+    newcomer: u8,
+    trusted: u8,
+    expires_ms: u16,
+) -> bool {
+    expires_ms.wrapping_sub(lane.expires_ms) < HOLD_MS
+        && claim(lane.source, lane.trusted, expires_ms) >= claim(newcomer, trusted, expires_ms)
+}
+
+/// The higher of two claims gets the lane. In each order, each node ID has another place.
+#[inline(always)]
+pub(super) fn claim(source: u8, trusted: u8, time_ms: u16) -> u8 {
+    let (high, low) = ((time_ms >> 8) as u8, time_ms as u8);
+    let order = (low / (2 * ORDER_MS as u8)).wrapping_mul(SPREAD) ^ high;
+    let order = if low & ORDER_MS as u8 != 0 { !order } else { order };
+    let place = (source ^ order) & !TRUSTED;
+    if trusted == 0 { place } else { place | TRUSTED }
 }

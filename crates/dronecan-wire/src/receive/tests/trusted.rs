@@ -1,6 +1,7 @@
 //! Which of two senders gets a lane.
 
 use super::*;
+use crate::receive::trust::{HOLD_MS, ORDER_MS, claim};
 
 const A: u32 = 10;
 const B: u32 = 110;
@@ -35,24 +36,54 @@ fn who_completes(rig: &mut Rig, owner: u32, newcomer: u32, after_ms: u16) -> u32
     }
 }
 
+/// A time, not before `now_ms`, from which on `first` has precedence over `second` for as long as a
+/// lane is held.
+fn when_precedes(first: u32, second: u32, now_ms: u16) -> u16 {
+    let precedes = |time_ms| claim(first as u8, 0, time_ms) > claim(second as u8, 0, time_ms);
+    let holds = |&ms: &u16| (0..=HOLD_MS).all(|more| precedes(ms + more + LIST_FRAME_TIMEOUT_MS));
+    (now_ms..).find(holds).unwrap()
+}
+
+impl Rig {
+    fn let_precede(&mut self, first: u32, second: u32) {
+        self.now_ms = when_precedes(first, second, self.now_ms);
+    }
+}
+
 /// A name, and what makes a node lose its trust.
 type Loss = (&'static str, fn(&mut Rig));
 
 #[test]
-fn the_first_of_two_senders_keeps_its_lane_for_at_least_three_and_at_most_four_milliseconds() {
-    for trusted in [&[][..], &[A], &[A, B]] {
-        for start_ms in [0, 200, 32_767, 65_530, 65_533, u16::MAX] {
-            for after_ms in (0..=50).chain([51, 60]) {
-                let mut rig = rig(trusted);
-                rig.now_ms = start_ms;
-                // A frame that came just before the clock advanced is up to 1 ms younger.
-                let expected = if after_ms < 4 { A } else { B };
-                assert_eq!(
-                    who_completes(&mut rig, A, B, after_ms),
-                    expected,
-                    "{trusted:?}, {after_ms} ms after {start_ms}"
-                );
+fn a_trusted_sender_keeps_its_lane_for_at_least_three_and_at_most_four_milliseconds() {
+    for start_ms in [0, 200, 32_767, 65_530, 65_533, u16::MAX] {
+        for after_ms in (0..=50).chain([51, 60]) {
+            let mut rig = rig(&[A]);
+            rig.now_ms = start_ms;
+            // A frame that came just before the clock advanced is up to 1 ms younger.
+            let expected = if after_ms < 4 { A } else { B };
+            let completes = who_completes(&mut rig, A, B, after_ms);
+            assert_eq!(completes, expected, "{after_ms} ms after {start_ms}");
+        }
+    }
+}
+
+#[test]
+fn of_two_senders_of_equal_trust_the_one_with_precedence_gets_the_lane() {
+    for trusted in [&[][..], &[A, B]] {
+        for (owner, newcomer) in [(A, B), (B, A)] {
+            let mut rig = rig(trusted);
+            let mut kept = 0;
+            for _ in 0..200 {
+                rig.now_ms += ORDER_MS;
+                let time_ms = rig.now_ms + LIST_FRAME_TIMEOUT_MS;
+                let keeps = claim(owner as u8, 0, time_ms) > claim(newcomer as u8, 0, time_ms);
+                // So that both are as trusted as before.
+                rig.receiver.trust = self::rig(trusted).receiver.trust;
+                let expected = if keeps { owner } else { newcomer };
+                assert_eq!(who_completes(&mut rig, owner, newcomer, 0), expected);
+                kept += u32::from(keeps);
             }
+            assert!((50..150).contains(&kept), "{kept} of 200");
         }
     }
 }
@@ -117,79 +148,84 @@ fn a_sender_that_loses_a_transfer_is_trusted_no_longer_until_it_completes_one() 
     for (name, lose) in losses {
         let mut rig = rig(&[A, B]);
         lose(&mut rig);
+        rig.let_precede(A, B);
         assert_eq!(who_completes(&mut rig, A, B, 0), B, "{name}");
         assert!(rig.all(&list(A)).is_some());
         assert!(rig.all(&list(B)).is_some());
+        rig.let_precede(A, B);
         assert_eq!(who_completes(&mut rig, A, B, 0), A, "{name}, then complete");
     }
 }
 
-#[test]
-fn of_two_trusted_senders_the_one_that_completed_a_list_last_gives_up_its_lane() {
-    let mut rig = rig(&[B, A]);
-    // The one that gives it up is still trusted, so they take turns.
-    for _ in 0..10 {
-        assert_eq!(who_completes(&mut rig, A, B, 0), B);
-        assert_eq!(who_completes(&mut rig, A, B, 0), A);
-    }
-    assert_eq!(who_completes(&mut rig, B, A, 0), B);
-}
-
 /// A frame each millisecond, and more than any list has.
 #[test]
-fn a_trusted_sender_keeps_its_lane_against_another_for_17_to_18_milliseconds() {
+fn an_endless_transfer_keeps_its_lane_until_another_sender_precedes() {
     let long = command(A, 1, &[(1, 0, 1); 15]);
-    for start_ms in [0, 1, 200, 237, 65_520, 65_533] {
-        for after_ms in 0..=200 {
-            let mut rig = rig(&[A, B]);
-            rig.now_ms = start_ms;
-            assert_eq!(rig.rejects(&long[0]), None);
-            for n in (0..after_ms).map(|n| 1 + n % 2) {
-                rig.now_ms = rig.now_ms.wrapping_add(1);
-                assert_eq!(rig.frame(&long[n]), None);
-            }
-            // A completed its last list before B.
+    for start_ms in (0..1_000).step_by(10) {
+        let mut rig = rig(&[A, B]);
+        rig.now_ms = start_ms;
+        rig.let_precede(A, B);
+        assert_eq!(rig.rejects(&long[0]), None);
+        let began_ms = rig.now_ms;
+        while rig.receiver.lists[0].source == A as u8 {
+            rig.now_ms += 1;
+            let time_ms = rig.now_ms + LIST_FRAME_TIMEOUT_MS;
+            let keeps = claim(A as u8, 0, time_ms) > claim(B as u8, 0, time_ms);
+            assert_eq!(rig.frame(&long[1 + usize::from((rig.now_ms - began_ms + 1) % 2)]), None);
+            // The last frame makes the sender trusted again.
+            assert_eq!(rig.frame(&list(B)[1]), None);
             assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved));
-            let is_kept = rig.receiver.lists[0].source == A as u8;
-            let expected = after_ms < 17 + usize::from(start_ms % 2 == 0);
-            assert_eq!(is_kept, expected, "{after_ms} ms after {start_ms}");
+            assert_eq!(rig.receiver.lists[0].source == A as u8, keeps, "{} ms", rig.now_ms);
+        }
+        assert!(rig.now_ms - began_ms < 10 * ORDER_MS, "{start_ms} ms");
+    }
+}
+
+#[test]
+fn a_sender_that_is_refused_or_displaced_is_trusted_again_after_its_last_frame() {
+    for first in [A, B] {
+        let mut rig = rig(&[A, B]);
+        rig.let_precede(first, A + B - first);
+        assert_eq!(who_completes(&mut rig, A, B, 0), first);
+        // Node 20 is not trusted.
+        for trusted in [A, B] {
+            rig.let_precede(20, trusted);
+            let trust = rig.receiver.trust;
+            assert_eq!(who_completes(&mut rig, 20, trusted, 0), trusted);
+            rig.receiver.trust = trust;
         }
     }
 }
 
 #[test]
-fn a_sender_that_is_refused_is_still_trusted() {
-    let mut rig = rig(&[A, B]);
+fn a_sender_is_trusted_after_its_first_transfer_even_if_that_is_refused() {
+    let mut rig = rig(&[A]);
+    rig.let_precede(B, A);
     assert_eq!(who_completes(&mut rig, A, B, 0), A);
-    assert_eq!(who_completes(&mut rig, 20, B, 0), B);
+    assert_eq!(who_completes(&mut rig, A, B, 0), B);
+}
+
+#[test]
+fn frames_that_are_not_the_last_make_no_sender_trusted() {
+    let long = command(B, 1, &[(1, 0, 1); 15]);
+    let mut rig = rig(&[A]);
+    rig.let_precede(B, A);
+    assert_eq!(rig.rejects(&list(A)[0]), None);
+    for frame in &long[..8] {
+        assert_eq!(rig.frame(frame), None);
+    }
+    assert!(rig.frame(&list(A)[1]).is_some());
+    assert_eq!(who_completes(&mut rig, A, B, 0), A);
 }
 
 #[test]
 fn a_transfer_of_one_frame_changes_no_trust() {
-    let mut rig = rig(&[]);
-    assert!(rig.all(&command(A, 1, &[(1, 0, 1)])).is_some());
-    assert!(rig.all(&list(B)).is_some());
-    assert_eq!(who_completes(&mut rig, A, B, 0), B);
-    // And takes none.
-    assert!(rig.all(&command(B, 1, &[(1, 0, 1)])).is_some());
-    assert_eq!(who_completes(&mut rig, A, B, 0), B);
-}
-
-#[test]
-fn of_senders_that_are_not_trusted_one_in_sixteen_gets_the_lane() {
-    let mut rig = rig(&[]);
-    assert_eq!(rig.rejects(&list(A)[0]), None);
-    let mut owner = A;
-    let mut changed = Vec::new();
-    for n in 1..=600 {
-        let newcomer = if owner == A { B } else { A };
-        assert_eq!(rig.rejects(&list(newcomer)[0]), Some(Rejection::Interleaved));
-        if rig.receiver.lists[0].source == newcomer as u8 {
-            owner = newcomer;
-            changed.push(n);
-        }
+    for (source, trusted) in [(A, &[B][..]), (B, &[B])] {
+        let mut rig = rig(trusted);
+        assert!(rig.all(&command(source, 1, &[(1, 0, 1)])).is_some());
+        rig.let_precede(A, B);
+        assert_eq!(who_completes(&mut rig, A, B, 0), B);
     }
-    assert_eq!(changed, (1..=37).map(|n| 16 * n).collect::<Vec<_>>());
 }
 
 /// A node with a lane for each type and sender, which takes entries whole and leaves the text of a
@@ -322,17 +358,18 @@ fn of_two_lanes_a_new_sender_gets_the_one_that_is_given_up_most_readily() {
 fn a_sender_is_trusted_while_it_sends_another_type() {
     let lights = golden::transfer(0x1804_390A, golden::LIGHTS_COMMAND, 3, &[LIGHT; 12]);
     let mut receiver = Two::<Each>::new();
+    let now_ms = when_precedes(A, B, 0);
     for trusted in [A, B] {
-        assert_eq!(takes(&mut receiver, &list(trusted), 0), Ok(true));
+        assert_eq!(takes(&mut receiver, &list(trusted), now_ms), Ok(true));
     }
-    assert_eq!(takes(&mut receiver, &list(A)[..1], 0), Ok(false));
+    assert_eq!(takes(&mut receiver, &list(A)[..1], now_ms), Ok(false));
     // Node 30's list has the other lane. It is not trusted, so it gives it up.
-    assert_eq!(takes(&mut receiver, &list(30)[..1], 0), Ok(false));
-    assert_eq!(takes(&mut receiver, &lights[..1], 0), Err(Rejection::Interleaved));
+    assert_eq!(takes(&mut receiver, &list(30)[..1], now_ms), Ok(false));
+    assert_eq!(takes(&mut receiver, &lights[..1], now_ms), Err(Rejection::Interleaved));
     // Now both lanes are of a trusted sender.
-    assert_eq!(takes(&mut receiver, &list(B)[..1], 0), Err(Rejection::Interleaved));
-    assert_eq!(takes(&mut receiver, &list(A)[1..], 0), Ok(true));
-    assert_eq!(takes(&mut receiver, &lights[1..], 0), Ok(true));
+    assert_eq!(takes(&mut receiver, &list(B)[..1], now_ms), Err(Rejection::Interleaved));
+    assert_eq!(takes(&mut receiver, &list(A)[1..], now_ms), Ok(true));
+    assert_eq!(takes(&mut receiver, &lights[1..], now_ms), Ok(true));
 }
 
 #[test]

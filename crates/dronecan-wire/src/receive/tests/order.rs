@@ -1,0 +1,136 @@
+//! How long it takes until a sender precedes the others, and that it is received then.
+
+use super::*;
+use crate::receive::trust::{ORDER_MS, claim};
+
+const COMMANDER: u8 = 60;
+
+/// True if this sender has precedence over each of the others at this time.
+fn precedes(source: u8, others: &[u8], time_ms: u16) -> bool {
+    others.iter().all(|&other| claim(source, 0, time_ms) > claim(other, 0, time_ms))
+}
+
+/// All times of the clock, a time of each order.
+fn orders() -> impl Iterator<Item = u16> {
+    (0..=u16::MAX).step_by(usize::from(ORDER_MS))
+}
+
+/// Others of which each is told from the commander by another bit, so that their orders do not
+/// depend on one another. Those by higher bits come first.
+fn others() -> [u8; 7] {
+    [6, 5, 4, 3, 2, 1, 0].map(|bit| COMMANDER ^ 1 << bit)
+}
+
+#[test]
+fn each_id_has_its_own_place_and_a_trusted_sender_precedes_all_others() {
+    for time_ms in orders() {
+        let mut places: Vec<u8> = (1..=127).map(|source| claim(source, 0, time_ms)).collect();
+        assert!((1..=127).all(|source| claim(source, 4, time_ms) > *places.iter().max().unwrap()));
+        places.sort_unstable();
+        places.dedup();
+        assert_eq!(places.len(), 127);
+        for later_ms in 0..ORDER_MS {
+            assert_eq!(claim(COMMANDER, 0, time_ms), claim(COMMANDER, 0, time_ms + later_ms));
+        }
+    }
+}
+
+#[test]
+fn each_of_two_senders_precedes_the_other_half_of_the_time() {
+    for (a, b) in (1..=127).flat_map(|a| (1..a).map(move |b| (a, b))) {
+        assert_eq!(orders().filter(|&time_ms| precedes(a, &[b], time_ms)).count(), 2048);
+    }
+}
+
+/// Returns the most lists in a row, of one each `period_us`, in which the commander does not
+/// precede these others.
+fn longest_row(others: &[u8], period_us: u64) -> usize {
+    let precedes: Vec<bool> = orders().map(|time| precedes(COMMANDER, others, time)).collect();
+    let order = |time_us: u64| (time_us / 1000 / u64::from(ORDER_MS)) as usize % precedes.len();
+    let rows = (0..u64::from(ORDER_MS)).map(|phase_ms| {
+        let lists = (0..65_536_000 / period_us).map(|n| {
+            let begin_us = 1000 * phase_ms + n * period_us;
+            // A list takes up to 1.4 ms at 1 Mbit/s.
+            precedes[order(begin_us)] && precedes[order(begin_us + 1_400)]
+        });
+        let lists: Vec<bool> = lists.collect();
+        lists.split(|&is_received| is_received).map(<[bool]>::len).max().unwrap()
+    });
+    rows.max().unwrap()
+}
+
+/// One other sender: it takes at most 80 ms at 50 Hz.
+#[test]
+fn a_sender_precedes_one_other_soon() {
+    let limits = [(2_500, 14), (10_000, 4), (16_000, 15), (20_000, 3), (40_000, 14), (100_000, 22)];
+    for (period_us, longest) in limits {
+        let most = others().map(|other| longest_row(&[other], period_us));
+        println!("{period_us} us: {most:?}");
+        assert!(most.iter().all(|&row| row <= longest), "{period_us} us: {most:?}");
+    }
+}
+
+/// Two others: it takes at most 500 ms at 50 Hz.
+#[test]
+fn a_sender_precedes_two_others_soon() {
+    let pairs = others().map(|a| others().map(|b| longest_row(&[a, b], 20_000)));
+    println!("{pairs:?}");
+    assert!(pairs.as_flattened().iter().all(|&row| row <= 24), "{pairs:?}");
+}
+
+/// The fewest lists that remain for the commander, in thousandths, and the longest row without one.
+#[test]
+fn a_sender_precedes_many_others_at_times() {
+    for count in 1..=7 {
+        let share = orders().filter(|&time| precedes(COMMANDER, &others()[..count], time)).count();
+        println!("{count} others: {share} of 4096, {}", longest_row(&others()[..count], 20_000));
+        assert_eq!(share, 4096 >> count);
+    }
+}
+
+/// Each attacker sends, before the commander's first frame and in each gap of its list, a last frame
+/// and the first one of another list. So it is as trusted as it can be.
+fn is_received<const LANES: usize>(
+    receiver: &mut Receiver<Kind, LANES, 1, KEPT>,
+    attackers: &[u8],
+    now_ms: u16,
+) -> bool {
+    let mut is_received = false;
+    let mut take = |frame: &Frame| {
+        let segment = read(frame, ME).unwrap();
+        matches!(receiver.accept(segment, ACTUATOR, now_ms), Verdict::Message(_))
+    };
+    for frame in command(u32::from(COMMANDER), 1, &[(ACTUATOR, 0, 1); 15]) {
+        for &source in attackers {
+            let [first, last] = two(u32::from(source), 1, 1);
+            take(&last);
+            take(&first);
+        }
+        is_received = take(&frame);
+    }
+    is_received
+}
+
+fn attack<const LANES: usize>(attackers: &[u8]) -> (usize, usize) {
+    let mut receiver = Receiver::<Kind, LANES, 1, KEPT>::new();
+    let (mut precede, mut received) = (0, 0);
+    for n in 0..2_000u16 {
+        let now_ms = n.wrapping_mul(20);
+        let precedes = precedes(COMMANDER, attackers, now_ms.wrapping_add(LIST_FRAME_TIMEOUT_MS));
+        let is_received = is_received(&mut receiver, attackers, now_ms);
+        assert!(is_received || !precedes || n == 0, "{attackers:?}, {now_ms} ms");
+        precede += usize::from(precedes);
+        received += usize::from(is_received);
+    }
+    (precede, received)
+}
+
+#[test]
+fn a_sender_is_received_whenever_it_precedes_the_others() {
+    for count in 1..=7 {
+        let (precede, one) = attack::<1>(&others()[..count]);
+        let (_, two) = attack::<2>(&others()[..count]);
+        println!("{count} attackers: precedes in {precede} of 2,000, received {one} and {two}");
+        assert!(precede > 2_000 >> (count + 1), "{precede} of 2,000");
+    }
+}
