@@ -6,8 +6,7 @@
 //! Between faults the node follows and counts each command, each pulse has the width of a recent
 //! command and begins 20 ms after the one before, statuses come in time and in order with the right
 //! uptime, the health is OK, no receive buffer overruns, the node answers requests, and parameters
-//! keep their values. At the end the stack must have stayed within its limit. A node with one lane
-//! may lose one command of several frames for each that the half-commander completes.
+//! keep their values. At the end the stack must have stayed within its limit.
 //!
 //! During a fault each pulse has the last commanded width or the failsafe's. After a restart there
 //! are no pulses until the node follows a command. The bootloader gets no update that was asked for
@@ -156,8 +155,6 @@ pub struct Report {
     pub commands: u64,
     /// First frames of commands that never end.
     pub halves: u64,
-    /// Commands that a half-commander kept out of a single lane.
-    pub kept_out: u64,
     /// The longest time from a command to a pulse that still has the width of the one before, in
     /// cycles. 20 ms are the period of the pulses.
     pub longest_lag: Cycles,
@@ -300,14 +297,11 @@ impl Soak {
         let after = self.counters();
         let followed = after[0].wrapping_sub(before[0]);
         let missing = (self.others.followed as u16).wrapping_sub(followed);
-        // A half-commander that completes commands may keep others out of a single lane.
-        let limit = if has_all_features() { 0 } else { 2 * self.others.favours as u16 };
         assert!(
-            missing <= limit,
+            missing == 0,
             "{missing} of {} commands are not followed; counters {before:?} to {after:?}",
             self.others.followed
         );
-        self.report.kept_out += u64::from(missing);
         assert_eq!(after[3], before[3], "sends given up");
         // The filters let some frames for other nodes through.
         let limit = if has_all_features() { u64::MAX } else { 40 + self.others.rejected };
@@ -720,10 +714,9 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
-            "{} commands, {} of them kept out by half-commanders, {} half commands; at most \
+            "{} commands, {} half commands; at most \
              {:.1} ms from a command to a pulse without it",
             self.commands,
-            self.kept_out,
             self.halves,
             self.longest_lag as f64 / MS as f64,
         )?;

@@ -59,7 +59,8 @@ impl Node {
             }
             Verdict::Message(transfer) | Verdict::Request(transfer) => transfer,
         };
-        self.note.set_source(transfer.source);
+        let source = transfer.source;
+        self.note.set_source(source);
         self.note.set_transfer(transfer.transfer_id());
         let mut context = Context { now_ms, flash, monitor, argument: 0, value: 0 };
         let line = self.act(transfer, &mut context);
@@ -68,6 +69,7 @@ impl Node {
         if line.is_refusal() {
             count(&mut self.health.counts.refused);
             self.note.set_a(dialect::data_type(transfer.kind, flash));
+            receiver.refused(source);
         } else if transfer.kind.is_request() {
             self.services.add(transfer, argument, value);
         }

@@ -17,12 +17,12 @@
 //! * Only the first frame of a transfer opens a lane. The transfer takes the sender's own lane,
 //!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
 //! * A transfer keeps its lane for at least 3 ms and at most 4 ms after each frame, unless another
-//!   sender has the better claim: its last transfer came to its end, and the last one of the lane's
-//!   sender did not, or it precedes that sender in an order of the node IDs that changes every
-//!   16 ms. See the module `trust`.
-//! * So a sender that begins transfers and never completes one does not keep out a sender that
-//!   completes its transfers. A sender that does both keeps it out half of the time, and several
-//!   leave it an equal part of the time or so.
+//!   sender has the better claim: its transfers are complete and have something for this node and
+//!   those of the lane's sender do not, or it precedes that sender in an order of the node IDs that
+//!   changes every 16 ms. See the module `trust`.
+//! * So a sender that commands other nodes, or does not complete its transfers, keeps out no sender
+//!   that commands this node and completes them. Of two that command this node each is received half
+//!   of the time at least.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
 //!   the last one. The receiver ignores any other frame that is not a first frame: either it came
 //!   twice, or its transfer was lost and reported before.
@@ -200,7 +200,15 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         let lane =
             lanes.find(|lane| lane.is_open && (lane.expires_ms.wrapping_sub(now_ms) as i16) < 0)?;
         lane.is_open = false;
+        self.trust.end(lane.source);
         Some(lane)
+    }
+
+    /// The node refused a transfer of this sender. So its next ones take no lane from a sender whose
+    /// transfers the node uses.
+    #[inline(always)]
+    pub fn refused(&mut self, source: u8) {
+        self.trust.end(source);
     }
 
     /// Takes a frame. The entries of a list that begin with `own_id` are for this node. `now_ms` is
@@ -230,7 +238,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         let lane = if tail.is_single() {
             // The transfer is complete at once.
             expires_ms = now_ms;
-            Some((&mut self.single, 0))
+            Some(&mut self.single)
         } else if !kind.is_multi_frame() || source == 0 {
             return Verdict::Rejected(Rejection::Malformed);
         } else {
@@ -240,15 +248,12 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
                 (&mut self.others, FRAME_TIMEOUT_MS)
             };
             expires_ms = now_ms.wrapping_add(timeout_ms);
-            lane(lanes, kind, source, tail.is_start(), expires_ms)
+            lane(lanes, kind, source, tail.is_start(), expires_ms, &self.trust)
         };
         let mut verdict = Verdict::More;
-        let Some((lane, inherited)) = lane else {
+        let Some(lane) = lane else {
             // A frame that continues no transfer came twice, or its transfer was lost and reported
             // before.
-            if tail.is_end() {
-                self.trust.end(source);
-            }
             return verdict;
         };
         if tail.is_start() {
@@ -260,17 +265,20 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
                     return Verdict::Rejected(Rejection::Malformed);
                 };
                 payload = rest;
-                let trusted = self.trust.begin(source) | inherited;
                 if lane.is_open {
-                    verdict = Verdict::Rejected(Rejection::Broken);
-                    if lane.source != source || K::LANE_FOR_EACH_TYPE && lane.kind != kind {
-                        verdict = Verdict::Rejected(Rejection::Interleaved);
-                        if trust::keeps(lane, source, trusted, expires_ms) {
-                            return verdict;
-                        }
+                    let is_its_own =
+                        lane.source == source && (!K::LANE_FOR_EACH_TYPE || lane.kind == kind);
+                    verdict = Verdict::Rejected(if is_its_own {
+                        Rejection::Broken
+                    } else {
+                        Rejection::Interleaved
+                    });
+                    if is_its_own || !lane.is_held(expires_ms) {
+                        self.trust.end(lane.source);
+                    } else if self.trust.is_kept(lane.source, source, now_ms) {
+                        return verdict;
                     }
                 }
-                lane.trusted = trusted;
                 lane.crc = *crc;
                 lane.sum = kind.seed();
             }
@@ -295,9 +303,12 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         lane.is_open = false;
         if !tail.is_single() {
             if lane.sum.to_le_bytes() != lane.crc {
+                self.trust.end(source);
                 return Verdict::Rejected(Rejection::Broken);
             }
-            self.trust.end(source);
+            if entry_len == 0 || lane.slots != 0 {
+                self.trust.completed(source, now_ms);
+            }
         }
         if entry_len != 0 {
             if lane.len != 0 || lane.entries > kind.most_entries() {
@@ -310,39 +321,38 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
 }
 
 /// Returns the lane of the transfer that this frame continues or begins again; else, for a first
-/// frame, the lane that is free or is given up most readily. With it the trust in another transfer
-/// that the sender is sending, or 0. `expires_ms`: when a transfer would expire whose frame came
-/// now.
+/// frame, the lane that is free or is given up most readily. `expires_ms`: when a transfer would
+/// expire whose frame came now.
 #[inline(always)]
-fn lane<K: Received, const KEPT: usize>(
-    lanes: &mut [Transfer<K, KEPT>],
+fn lane<'a, K: Received, const KEPT: usize>(
+    lanes: &'a mut [Transfer<K, KEPT>],
     kind: K,
     source: u8,
     is_start: bool,
     expires_ms: u16,
-) -> Option<(&mut Transfer<K, KEPT>, u8)> {
+    trust: &Trust,
+) -> Option<&'a mut Transfer<K, KEPT>> {
     // There is no choice, and the compiler does not see it below.
     if lanes.len() == 1 {
         let [lane] = lanes else { return None };
-        return (is_start || lane.is_open && lane.source == source).then_some((lane, 0));
+        return (is_start || lane.is_open && lane.source == source).then_some(lane);
     }
     let mut chosen = None;
-    let mut inherited = 0;
     let mut least = Hold::None;
     for lane in lanes {
-        if lane.is_open && lane.source == source {
-            if !K::LANE_FOR_EACH_TYPE || lane.kind == kind {
-                return Some((lane, 0));
-            }
-            inherited |= lane.trusted;
+        let is_its_own = lane.is_open && lane.source == source;
+        if is_its_own && (!K::LANE_FOR_EACH_TYPE || lane.kind == kind) {
+            return Some(lane);
         }
-        let hold = lane.hold(expires_ms);
-        if is_start && hold < least {
-            least = hold;
-            chosen = Some(lane);
+        if is_start {
+            let hold = lane.hold(expires_ms, trust);
+            if hold < least {
+                least = hold;
+                chosen = Some(lane);
+            }
         }
     }
-    chosen.map(|lane| (lane, inherited))
+    chosen
 }
 
 impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Default

@@ -82,10 +82,8 @@ impl Commanded {
         let since = start.saturating_sub(NEWEST);
         let given = self.0.iter().take_while(|(at, _)| *at <= start).count();
         let last_before = self.0[..given].iter().rposition(|(at, _)| *at < since).unwrap_or(0);
-        // On a single lane the half-commander may have kept that one out: see `favours`.
-        let first = last_before.saturating_sub(usize::from(!has_all_features()));
         let is_it = |(_, wanted): &(Cycles, f64)| (wanted - us).abs() <= tolerance_us;
-        let found = first + self.0[first..given].iter().rposition(is_it)?;
+        let found = last_before + self.0[last_before..given].iter().rposition(is_it)?;
         Some(self.0[..given].get(found + 1).map_or(0, |(at, _)| start - at))
     }
 }
@@ -99,10 +97,6 @@ pub(super) struct Others {
     pub(super) is_armed: bool,
     /// Commands for outputs of the node since the faultless phase began: each is to be followed.
     pub(super) followed: u64,
-    /// Commands of several frames that the half-commander completed. Each lets one of its first
-    /// frames keep a command of the autopilot out of a single lane, and another one take the lane
-    /// in turn, if the autopilot completed a command since.
-    pub(super) favours: u64,
     /// Transfers that the node may count as rejected.
     pub(super) rejected: u64,
     /// The half-commander's output has another type or ID.
@@ -140,7 +134,7 @@ pub(super) fn set_up(rig: &mut Rig) {
 impl Others {
     /// From now on the commands are counted.
     pub(super) fn begin_count(&mut self) {
-        (self.followed, self.favours, self.rejected) = (0, 0, 0);
+        (self.followed, self.rejected) = (0, 0);
     }
 
     /// The node has restarted: no output is commanded.
@@ -154,7 +148,6 @@ impl Others {
             numbers: BTreeMap::new(),
             is_armed: true,
             followed: 0,
-            favours: 0,
             rejected: 0,
             is_away: false,
         }
@@ -253,9 +246,13 @@ impl Soak {
         self.send_arming();
         self.rig.run_ms(SLOT_MS);
         self.others.restart();
-        // The node trusts a sender once it has completed a command of several frames.
-        for source in [AUTOPILOT, COMPANION] {
-            self.send_list(source, self.now(), 0, &[(FOREIGN, PWM, 1000.0); 2]);
+        // The node trusts a sender that has completed commands of several frames for 64 ms.
+        for _ in 0..5 {
+            for (source, id) in [(AUTOPILOT, 1), (COMPANION, COMPANIONS as u8 + 1)] {
+                let entries = [(id, PWM, 1200.0), (FOREIGN, PWM, 1000.0)];
+                self.send_list(source, self.now(), 0, &entries);
+            }
+            self.rig.run_ms(SLOT_MS);
         }
         self.command_as_half_commander(self.now());
         for _ in 0..4 {
@@ -321,7 +318,6 @@ impl Soak {
             self.others.followed += 1;
             self.report.commands += 1;
         }
-        self.others.favours += 1;
         self.send_list(HALF_COMMANDER, at, 0, &entries);
     }
 

@@ -1,7 +1,7 @@
 //! A transfer that is being received, and the bytes that are kept of it.
 
 use super::Received;
-use super::trust::HOLD_MS;
+use super::trust::{HOLD_MS, Trust};
 use crate::bits::Tail;
 use crate::crc;
 
@@ -37,8 +37,6 @@ const NOWHERE: u8 = 0x80;
 pub struct Transfer<K, const KEPT: usize> {
     /// The transfer is not complete.
     pub(super) is_open: bool,
-    /// The sender's bit in [`Trust`](super::Trust) if it was trusted when the transfer began, or 0.
-    pub(super) trusted: u8,
     /// The type of the transfer.
     pub kind: K,
     /// Node ID of the sender, or 0 if the sender is anonymous.
@@ -83,7 +81,6 @@ pub(super) enum Hold {
 impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     pub(super) const NONE: Self = Self {
         is_open: false,
-        trusted: 0,
         kind: K::UNKNOWN,
         source: 0,
         priority: 0,
@@ -154,11 +151,11 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
 
     /// How readily the transfer gives up its lane.
     #[inline(always)]
-    pub(super) fn hold(&self, expires_ms: u16) -> Hold {
+    pub(super) fn hold(&self, expires_ms: u16, trust: &Trust) -> Hold {
         match self.is_held(expires_ms) {
             _ if !self.is_open => Hold::Free,
             false => Hold::Idle,
-            true if self.trusted == 0 => Hold::Held,
+            true if !trust.is_in(self.source) => Hold::Held,
             true => Hold::Trusted,
         }
     }

@@ -54,6 +54,8 @@ struct Bus {
     period_us: (u64, u64),
     /// Of 8 lists of one of the others, at most this many are complete.
     completes: u64,
+    /// The lists of the others have entries for this node.
+    command: bool,
     /// Of so many frames of the complete sender the node loses one; 0 for none.
     one_lost_of: u64,
 }
@@ -68,9 +70,9 @@ struct Outcome {
 }
 
 impl Outcome {
-    /// Lists that were not received, without those before the first that was.
+    /// Lists that were not received, without those of the first second: then the sender is trusted.
     fn lost(&self) -> usize {
-        self.received.iter().skip_while(|&&is_received| !is_received).filter(|&&r| !r).count()
+        self.received.iter().skip(50).filter(|&&is_received| !is_received).count()
     }
 
     /// The longest row of lists that were not received.
@@ -88,12 +90,13 @@ fn senders(bus: &Bus, random: &mut Random) -> Vec<Sender> {
         let period_us =
             if is_complete { 20_000 } else { random.within(bus.period_us.0, bus.period_us.1) };
         let source = if is_complete { COMPLETE } else { ids.swap_remove(at) };
+        let actuator = if is_complete || bus.command { ACTUATOR } else { 9 };
         let entries = if is_complete { 15 } else { random.within(4, 15) as usize };
         senders.push(Sender {
             source,
             next_us: random.below(period_us),
             period_us,
-            list: command(source, 0, &vec![(ACTUATOR, 0, 0x3800); entries]),
+            list: command(source, 0, &vec![(actuator, 0, 0x3800); entries]),
             frames: if is_complete { 9 } else { random.within(1, bus.frames) as usize },
             completes: if is_complete { 8 } else { random.within(0, bus.completes) },
             transfer_id: 0,
@@ -171,12 +174,13 @@ const MEGABIT: Bus = Bus {
     frames: 2,
     period_us: (3_000, 60_000),
     completes: 0,
+    command: true,
     one_lost_of: 0,
 };
 
 /// Each gap between two frames of a list is shorter than 3 ms: eight others send two frames each.
 #[test]
-fn half_senders_break_no_list_after_the_first_that_is_complete() {
+fn half_senders_break_no_list_of_a_trusted_sender() {
     each(MEGABIT, 100, |outcome, seed| {
         assert_eq!(outcome.lost(), 0, "{seed}: {outcome:?}");
         assert!(outcome.longest_silence() < 50, "{seed}: {outcome:?}");
@@ -207,28 +211,30 @@ fn a_half_sender_keeps_out_at_most_one_list_for_each_that_it_completes() {
         longest = longest.max(outcome.longest_silence());
     }
     println!("{lost} of {all} lists were kept out, at most {longest} in a row");
-    assert!(lost * 8 < all && longest <= 5, "{lost} of {all}, {longest} in a row");
+    assert!(lost * 40 < all && longest <= 15, "{lost} of {all}, {longest} in a row");
 }
 
 /// Up to 20 others, of which each completes some of its lists. They use most of the bus, so another
-/// has a lane at nearly each moment.
+/// has a lane at nearly each moment, and a gap in a list may be longer than 3 ms.
 #[test]
 fn many_others_that_complete_lists_too_do_not_keep_a_sender_out() {
     for (others, completes, period_us) in
-        [(4, 8, (3_000, 9_000)), (20, 8, (15_000, 60_000)), (20, 4, (10_000, 40_000))]
+        [(4, 8, (3_000, 9_000)), (20, 8, (15_000, 60_000)), (20, 4, (15_000, 60_000))]
     {
-        let bus = Bus { others, frames: 8, completes, period_us, ..MEGABIT };
-        for lanes in 1..=2 {
-            let (mut lost, mut all, mut longest) = (0, 0, 0);
-            for seed in 0..SEEDS {
-                let outcome =
-                    if lanes == 1 { run::<1>(bus, seed, 400) } else { run::<2>(bus, seed, 400) };
-                lost += outcome.lost();
-                all += outcome.received.len();
-                longest = longest.max(outcome.longest_silence());
+        for (command, most_lost, most_in_a_row) in [(true, 1_200, 15), (false, 10, 15)] {
+            let bus = Bus { others, frames: 8, completes, period_us, command, ..MEGABIT };
+            for lanes in 1..=2 {
+                let (mut lost, mut longest) = (0, 0);
+                for seed in 0..SEEDS {
+                    let run = if lanes == 1 { run::<1> } else { run::<2> };
+                    let outcome = run(bus, seed, 400);
+                    lost += outcome.lost();
+                    longest = longest.max(outcome.longest_silence());
+                }
+                let what = format!("{others} others that command this node: {command}");
+                println!("{what}, {lanes} lanes: {lost} of 10000, at most {longest} in a row");
+                assert!(lost <= most_lost && longest <= most_in_a_row, "{what}, {lanes} lanes");
             }
-            println!("{others} others, {lanes} lanes: {lost} of {all}, at most {longest} in a row");
-            assert!(lost * 2 < all && longest <= 12, "{others} others, {lanes} lanes");
         }
     }
 }
@@ -247,6 +253,6 @@ fn a_sender_that_lost_a_frame_is_received_again_during_a_flood() {
             longest = longest.max(outcome.longest_silence());
         }
         println!("{others} others: {lost} of {all} lists lost, at most {longest} in a row");
-        assert!(lost * 4 < all && longest < 150, "{others}: {lost} of {all}, {longest} in a row");
+        assert!(lost * 12 < all && longest < 25, "{others}: {lost} of {all}, {longest} in a row");
     }
 }

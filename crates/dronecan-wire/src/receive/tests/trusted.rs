@@ -1,7 +1,7 @@
 //! Which of two senders gets a lane.
 
 use super::*;
-use crate::receive::trust::{HOLD_MS, ORDER_MS, claim};
+use crate::receive::trust::{HOLD_MS, ORDER_MS, place};
 
 const A: u32 = 10;
 const B: u32 = 110;
@@ -11,7 +11,7 @@ fn list(source: u32) -> [Frame; 2] {
     two(source, 1, 7)
 }
 
-/// A rig in which these senders are trusted: their last list was complete.
+/// A rig in which these senders are trusted. In the first order of time a sender becomes trusted.
 fn rig(trusted: &[u32]) -> Rig {
     let mut rig = Rig::new();
     for &source in trusted {
@@ -39,12 +39,18 @@ fn who_completes(rig: &mut Rig, owner: u32, newcomer: u32, after_ms: u16) -> u32
 /// A time, not before `now_ms`, from which on `first` has precedence over `second` for as long as a
 /// lane is held.
 fn when_precedes(first: u32, second: u32, now_ms: u16) -> u16 {
-    let precedes = |time_ms| claim(first as u8, 0, time_ms) > claim(second as u8, 0, time_ms);
-    let holds = |&ms: &u16| (0..=HOLD_MS).all(|more| precedes(ms + more + LIST_FRAME_TIMEOUT_MS));
+    let precedes = |now_ms| place(first as u8, now_ms) > place(second as u8, now_ms);
+    let holds = |&ms: &u16| (0..=HOLD_MS).all(|more| precedes(ms + more));
     (now_ms..).find(holds).unwrap()
 }
 
 impl Rig {
+    /// Lets a sender complete a list in an order in which it becomes trusted.
+    fn trust(&mut self, source: u32) {
+        self.now_ms = self.now_ms.next_multiple_of(4 * ORDER_MS);
+        assert!(self.all(&list(source)).is_some());
+    }
+
     fn let_precede(&mut self, first: u32, second: u32) {
         self.now_ms = when_precedes(first, second, self.now_ms);
     }
@@ -75,8 +81,7 @@ fn of_two_senders_of_equal_trust_the_one_with_precedence_gets_the_lane() {
             let mut kept = 0;
             for _ in 0..200 {
                 rig.now_ms += ORDER_MS;
-                let time_ms = rig.now_ms + LIST_FRAME_TIMEOUT_MS;
-                let keeps = claim(owner as u8, 0, time_ms) > claim(newcomer as u8, 0, time_ms);
+                let keeps = place(owner as u8, rig.now_ms) > place(newcomer as u8, rig.now_ms);
                 // So that both are as trusted as before.
                 rig.receiver.trust = self::rig(trusted).receiver.trust;
                 let expected = if keeps { owner } else { newcomer };
@@ -150,8 +155,7 @@ fn a_sender_that_loses_a_transfer_is_trusted_no_longer_until_it_completes_one() 
         lose(&mut rig);
         rig.let_precede(A, B);
         assert_eq!(who_completes(&mut rig, A, B, 0), B, "{name}");
-        assert!(rig.all(&list(A)).is_some());
-        assert!(rig.all(&list(B)).is_some());
+        rig.trust(A);
         rig.let_precede(A, B);
         assert_eq!(who_completes(&mut rig, A, B, 0), A, "{name}, then complete");
     }
@@ -169,11 +173,8 @@ fn an_endless_transfer_keeps_its_lane_until_another_sender_precedes() {
         let began_ms = rig.now_ms;
         while rig.receiver.lists[0].source == A as u8 {
             rig.now_ms += 1;
-            let time_ms = rig.now_ms + LIST_FRAME_TIMEOUT_MS;
-            let keeps = claim(A as u8, 0, time_ms) > claim(B as u8, 0, time_ms);
+            let keeps = place(A as u8, rig.now_ms) > place(B as u8, rig.now_ms);
             assert_eq!(rig.frame(&long[1 + usize::from((rig.now_ms - began_ms + 1) % 2)]), None);
-            // The last frame makes the sender trusted again.
-            assert_eq!(rig.frame(&list(B)[1]), None);
             assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved));
             assert_eq!(rig.receiver.lists[0].source == A as u8, keeps, "{} ms", rig.now_ms);
         }
@@ -182,40 +183,44 @@ fn an_endless_transfer_keeps_its_lane_until_another_sender_precedes() {
 }
 
 #[test]
-fn a_sender_that_is_refused_or_displaced_is_trusted_again_after_its_last_frame() {
+fn a_sender_that_is_refused_or_displaced_is_still_trusted() {
     for first in [A, B] {
-        let mut rig = rig(&[A, B]);
-        rig.let_precede(first, A + B - first);
-        assert_eq!(who_completes(&mut rig, A, B, 0), first);
-        // Node 20 is not trusted.
         for trusted in [A, B] {
+            let mut rig = rig(&[A, B]);
+            rig.let_precede(first, A + B - first);
+            assert_eq!(who_completes(&mut rig, A, B, 0), first);
+            // Node 20 is not trusted.
             rig.let_precede(20, trusted);
-            let trust = rig.receiver.trust;
             assert_eq!(who_completes(&mut rig, 20, trusted, 0), trusted);
-            rig.receiver.trust = trust;
         }
     }
 }
 
 #[test]
-fn a_sender_is_trusted_after_its_first_transfer_even_if_that_is_refused() {
+fn a_list_without_an_entry_for_the_node_changes_no_trust() {
+    let others = command(B, 1, &[(9, 0, 1); 2]);
     let mut rig = rig(&[A]);
-    rig.let_precede(B, A);
-    assert_eq!(who_completes(&mut rig, A, B, 0), A);
-    assert_eq!(who_completes(&mut rig, A, B, 0), B);
+    for _ in 0..8 {
+        rig.now_ms += ORDER_MS;
+        assert_eq!(entry(rig.all(&others)), None);
+        rig.let_precede(B, A);
+        assert_eq!(who_completes(&mut rig, A, B, 0), A);
+    }
+    let mut rig = self::rig(&[A, B]);
+    assert_eq!(entry(rig.all(&others)), None);
+    rig.let_precede(A, B);
+    assert_eq!(who_completes(&mut rig, 20, B, 0), B);
 }
 
 #[test]
-fn frames_that_are_not_the_last_make_no_sender_trusted() {
-    let long = command(B, 1, &[(1, 0, 1); 15]);
-    let mut rig = rig(&[A]);
-    rig.let_precede(B, A);
-    assert_eq!(rig.rejects(&list(A)[0]), None);
-    for frame in &long[..8] {
-        assert_eq!(rig.frame(frame), None);
+fn a_complete_list_makes_a_sender_trusted_in_one_order_of_four() {
+    for now_ms in 0..=u16::MAX {
+        let mut rig = Rig::new();
+        rig.now_ms = now_ms;
+        assert!(rig.all(&list(A)).is_some());
+        let is_trusted = rig.receiver.trust.is_in(A as u8);
+        assert_eq!(is_trusted, (now_ms / ORDER_MS).is_multiple_of(4), "{now_ms} ms");
     }
-    assert!(rig.frame(&list(A)[1]).is_some());
-    assert_eq!(who_completes(&mut rig, A, B, 0), A);
 }
 
 #[test]
@@ -360,7 +365,7 @@ fn a_sender_is_trusted_while_it_sends_another_type() {
     let mut receiver = Two::<Each>::new();
     let now_ms = when_precedes(A, B, 0);
     for trusted in [A, B] {
-        assert_eq!(takes(&mut receiver, &list(trusted), now_ms), Ok(true));
+        assert_eq!(takes(&mut receiver, &list(trusted), 0), Ok(true));
     }
     assert_eq!(takes(&mut receiver, &list(A)[..1], now_ms), Ok(false));
     // Node 30's list has the other lane. It is not trusted, so it gives it up.
