@@ -69,7 +69,10 @@ impl Node {
         if line.is_refusal() {
             count(&mut self.health.counts.refused);
             self.note.set_a(dialect::data_type(transfer.kind, flash));
-            receiver.refused(source);
+            // One that is refused because the vehicle is disarmed may be the autopilot's.
+            if line != Line::RefusedDisarmed && line != Line::RefusedSafe {
+                receiver.refused(source);
+            }
         } else if transfer.kind.is_request() {
             self.services.add(transfer, argument, value);
         }
