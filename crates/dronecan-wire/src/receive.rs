@@ -18,11 +18,11 @@
 //!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
 //! * A transfer keeps its lane for at least 3 ms and at most 4 ms after each frame, unless another
 //!   sender has the better claim: its transfers are complete and have something for this node and
-//!   those of the lane's sender do not, or it precedes that sender in an order of the node IDs that
-//!   changes every 16 ms. See the module `trust`.
-//! * So a sender that commands other nodes, or does not complete its transfers, keeps out no sender
-//!   that commands this node and completes them. Of two that command this node each is received half
-//!   of the time at least.
+//!   those of the lane's sender do not, or it precedes that sender in an order of the node IDs
+//!   that changes every 16 ms. See the module `trust`.
+//! * So a sender that commands other nodes, or does not complete its transfers, keeps out no
+//!   sender that commands this node and completes them. Of two that command this node each is
+//!   received half of the time at least.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
 //!   the last one. The receiver ignores any other frame that is not a first frame: either it came
 //!   twice, or its transfer was lost and reported before.
@@ -204,8 +204,8 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         Some(lane)
     }
 
-    /// The node refused a transfer of this sender. So its next ones take no lane from a sender whose
-    /// transfers the node uses.
+    /// The node refused a transfer of this sender. So its next ones take no lane from a sender
+    /// whose transfers the node uses.
     #[inline(always)]
     pub fn refused(&mut self, source: u8) {
         self.trust.end(source);

@@ -6,10 +6,10 @@
 //! complete. So the receiver decides by two things, trust before precedence:
 //!
 //! * A sender is *trusted* from a complete transfer of several frames that has something for this
-//!   node and ends in one order of [`ORDERS`], until the node refuses one of its transfers or one is
-//!   lost: it expires, its CRC is wrong, or its next frame does not come before the lane has another
-//!   use. A list without an entry for this node changes nothing, and a transfer that gets no lane or
-//!   is displaced is not lost by its sender.
+//!   node and ends in one order of [`ORDERS`], until the node refuses one of its transfers or one
+//!   is lost: it expires, its CRC is wrong, or its next frame does not come before the lane has
+//!   another use. A list without an entry for this node changes nothing, and a transfer that gets
+//!   no lane or is displaced is not lost by its sender.
 //! * The order of *precedence* of the node IDs is another every [`ORDER_MS`]. Each of two IDs
 //!   precedes the other half of the time, whatever the senders do.
 //!
