@@ -150,23 +150,25 @@ lines! {
         /// The temperature, logged once a second.
         Temperature = "temperature %+%1 C",
     }
+    // In the order of `dronecan_wire::Rejection`: so the compiler computes the number of the line,
+    // and does not compare for each, which takes 70 bytes more.
     rejects if all() {
-        /// Rejected: a frame of a type that the node does not receive, or a standard or remote
-        /// frame.
-        RefusedKind = "refused: unknown type",
         /// Rejected: a frame of an anonymous sender, or with this node's own ID; or an ArmingStatus
         /// of another node than the autopilot.
         RefusedSource = "refused: type %a from %s, wrong sender",
+        /// Rejected: a frame of a type that the node does not receive, or a standard or remote
+        /// frame.
+        RefusedKind = "refused: unknown type",
         /// Rejected: a malformed frame.
         RefusedTransfer = "refused: type %a from %s, malformed",
         /// Rejected: a request while the queue of requests is full.
         RefusedBusy = "refused: request from %s, busy",
+        /// Rejected: a transfer of a wrong length.
+        RefusedLength = "refused: type %a from %s tid %t, wrong length",
         /// Rejected: a transfer with a wrong CRC, or one that did not complete.
         RefusedBroken = "refused: type %a from %s, broken",
         /// Rejected: a transfer, because the transfer of another sender has the lane.
         RefusedInterleaved = "refused: type %a from %s, interleaved",
-        /// Rejected: a transfer of a wrong length.
-        RefusedLength = "refused: type %a from %s tid %t, wrong length",
         /// Rejected: a command of an unknown type, or a command or NodeStatus in a dialect that the
         /// node does not follow.
         RefusedType = "refused: command from %s tid %t, unknown type",

@@ -34,23 +34,23 @@ pub enum Verdict<'a, K, const KEPT: usize> {
     Rejected(Rejection),
 }
 
-/// Why a frame or a transfer is dropped.
+/// Why a frame or a transfer is dropped. Losses of transfers for this node come last.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Rejection {
-    /// A message or service that the node does not receive, or a request to another node.
-    Unknown,
-    /// The sender is anonymous.
-    Anonymous,
     /// The sender has this node's ID.
     OwnId,
+    /// The sender is anonymous.
+    Anonymous,
+    /// A message or service that the node does not receive, or a request to another node.
+    Unknown,
     /// The frame has no tail byte; it is a first frame with its toggle bit set, or too short for
     /// the CRC; or its transfer has several frames and must have one.
     Malformed,
-    /// A list ends within an entry, or has too many entries.
-    Length,
     /// The program cannot take a request now. This crate never returns this value; it exists so
     /// that a program has one type for all reasons.
     Busy,
+    /// A list ends within an entry, or has too many entries.
+    Length,
     /// The CRC is wrong, or the sender began another transfer before this one was complete.
     Broken,
     /// There was no lane for the transfer, or another sender's transfer took its lane.
