@@ -6,10 +6,11 @@
 //! complete. So the receiver decides by two things, trust before precedence:
 //!
 //! * A sender is *trusted* from a complete transfer of several frames that has something for this
-//!   node and ends in one order of [`ORDERS`], until the node refuses one of its transfers or one
-//!   is lost: it expires, its CRC is wrong, or its next frame does not come before the lane has
-//!   another use. A list without an entry for this node changes nothing, and a transfer that gets
-//!   no lane or is displaced is not lost by its sender.
+//!   node, until the node refuses one of its transfers or one is lost: it expires, its CRC is
+//!   wrong, or its next frame does not come before the lane has another use. A list without an
+//!   entry for this node changes nothing, and a transfer that gets no lane or is displaced is not
+//!   lost by its sender. Who lost the trust is trusted again from a transfer that ends in one order
+//!   of [`ORDERS`].
 //! * The order of *precedence* of the node IDs is another every [`ORDER_MS`]. Each of two IDs
 //!   precedes the other half of the time, whatever the senders do.
 //!
@@ -23,9 +24,9 @@
 //!   time, whatever they do. `tests/search.rs` tries all that one and two of them can do, and
 //!   `tests/order.rs` tells how long it takes until a sender precedes the others.
 //! * A commander that is not trusted, because it has just begun or the node lost one of its frames,
-//!   is received whenever it precedes the others, except in the orders in which senders become
-//!   trusted. For a sender that does not complete each of its transfers is not trusted any more in
-//!   the other orders.
+//!   is received whenever it precedes the others, except in the orders in which senders are trusted
+//!   again. For in the other orders a sender that does not complete each of its transfers is not
+//!   trusted, either.
 
 /// A transfer keeps its lane for this time after each frame, in milliseconds. The clock may
 /// advance just after the frame, so the time is at least 3 ms and at most 4 ms. The next frame of
@@ -45,35 +46,53 @@ const SPREAD: (u8, u8) = (87, 85);
 /// Stands for trust, above all node IDs.
 const TRUSTED: u8 = 0x80;
 
-/// A sender becomes trusted in one of so many orders. A power of two.
+/// A sender that lost the trust is trusted again in one of so many orders. A power of two.
 const ORDERS: u8 = 4;
 
-/// The trusted senders: a bit for each node ID.
+/// The trusted senders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub(super) struct Trust(pub(super) [u8; 16]);
+pub(super) struct Trust {
+    /// A bit for each node ID.
+    trusted: [u8; 16],
+    /// A bit for each 16 node IDs: one of them lost the trust.
+    lost: u8,
+}
 
 impl Trust {
     /// No sender is trusted.
-    pub(super) const NONE: Self = Self([0; 16]);
+    pub(super) const NONE: Self = Self { trusted: [0; 16], lost: 0 };
+
+    /// All that the state has, for a test that searches states.
+    #[cfg(test)]
+    pub(super) fn key(&self) -> impl Iterator<Item = u8> + use<> {
+        self.trusted.into_iter().chain([self.lost])
+    }
 
     /// A sender completed a transfer of several frames that has something for this node.
     #[inline(never)]
     pub(super) fn completed(&mut self, source: u8, now_ms: u16) {
+        let bit = bit(source);
         if now_ms as u8 & ((ORDERS - 1) * ORDER_MS as u8) == 0 {
-            self.0[usize::from(source & 15)] |= bit(source);
+            self.lost &= !bit;
+        }
+        if self.lost & bit == 0 {
+            self.trusted[usize::from(source & 15)] |= bit;
         }
     }
 
     /// A transfer of a sender was lost or refused.
     #[inline(never)]
     pub(super) fn end(&mut self, source: u8) {
-        self.0[usize::from(source & 15)] &= !bit(source);
+        let trusted = &mut self.trusted[usize::from(source & 15)];
+        let bit = *trusted & bit(source);
+        *trusted ^= bit;
+        self.lost |= bit;
     }
 
     /// True if a sender is trusted.
     #[inline(always)]
     pub(super) fn is_in(&self, source: u8) -> bool {
-        self.0[usize::from(source & 15)] & bit(source) != 0
+        self.trusted[usize::from(source & 15)] & bit(source) != 0
     }
 
     /// True if the sender `first` keeps its lane although a transfer of `second` begins.
@@ -99,7 +118,7 @@ pub(super) fn place(source: u8, now_ms: u16) -> u8 {
 }
 
 /// The bit of a sender in its byte.
-#[inline(never)]
+#[inline(always)]
 fn bit(source: u8) -> u8 {
     1 << (source >> 4 & 7)
 }

@@ -86,7 +86,7 @@ impl<const LANES: usize> State<LANES> {
     /// What makes two states differ in what can follow, without `lost`.
     fn key(&self) -> Vec<u8> {
         let mut key = vec![self.moment as u8, u8::from(self.is_damaged)];
-        key.extend(self.trust.0);
+        key.extend(self.trust.key());
         key.extend(self.sent.iter().map(|&sent| sent as u8));
         for lane in &self.lanes {
             if lane.is_open {

@@ -213,13 +213,26 @@ fn a_list_without_an_entry_for_the_node_changes_no_trust() {
 }
 
 #[test]
-fn a_complete_list_makes_a_sender_trusted_in_one_order_of_four() {
-    for now_ms in 0..=u16::MAX {
-        let mut rig = Rig::new();
-        rig.now_ms = now_ms;
-        assert!(rig.all(&list(A)).is_some());
-        let is_trusted = rig.receiver.trust.is_in(A as u8);
-        assert_eq!(is_trusted, (now_ms / ORDER_MS).is_multiple_of(4), "{now_ms} ms");
+fn who_lost_the_trust_is_trusted_again_in_one_order_of_four() {
+    // Nodes 10 and 14 have their bits in one byte, 10 and 26 in one place.
+    for (loser, other) in [(A, B), (A, 14), (A, 26)] {
+        for now_ms in 0..=u16::MAX {
+            let mut rig = Rig::new();
+            rig.now_ms = now_ms;
+            let is_trusted = |rig: &Rig, source: u32| rig.receiver.trust.is_in(source as u8);
+            assert!(rig.all(&list(loser)).is_some());
+            assert!(is_trusted(&rig, loser), "at first, {now_ms} ms");
+            rig.frame(&list(loser)[0]);
+            rig.frame(&list(loser)[0]);
+            assert!(!is_trusted(&rig, loser));
+            assert!(rig.frame(&list(loser)[1]).is_some());
+            let again = (now_ms / ORDER_MS).is_multiple_of(4);
+            assert_eq!(is_trusted(&rig, loser), again, "{now_ms} ms");
+            assert!(rig.all(&list(other)).is_some());
+            // Of 16 IDs in a row all wait, if one of them lost it.
+            let waits = loser / 16 == other / 16 && !again;
+            assert_eq!(is_trusted(&rig, other), !waits, "{other}, {now_ms} ms");
+        }
     }
 }
 
