@@ -69,8 +69,7 @@ impl Node {
         if line.is_refusal() {
             count(&mut self.health.counts.refused);
             self.note.set_a(dialect::data_type(transfer.kind, flash));
-            // One that is refused because the vehicle is disarmed may be the autopilot's.
-            if line != Line::RefusedDisarmed && line != Line::RefusedSafe {
+            if line == Line::RefusedValue || line == Line::RefusedType {
                 receiver.refused(source);
             }
         } else if transfer.kind.is_request() {

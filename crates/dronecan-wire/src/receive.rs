@@ -204,8 +204,8 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
         Some(lane)
     }
 
-    /// The node refused a transfer of this sender. So its next ones take no lane from a sender
-    /// whose transfers the node uses.
+    /// The node has no use for a list of this sender, although it has an entry for the node. So its
+    /// next ones take no lane from a sender whose lists the node uses.
     #[inline(always)]
     pub fn refused(&mut self, source: u8) {
         self.trust.end(source);

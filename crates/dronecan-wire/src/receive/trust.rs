@@ -6,7 +6,7 @@
 //! complete. So the receiver decides by two things, trust before precedence:
 //!
 //! * A sender is *trusted* from a complete transfer of several frames that has something for this
-//!   node, until the node refuses one of its transfers or one is lost: it expires, its CRC is
+//!   node, until the node has no use for one of its lists or one is lost: it expires, its CRC is
 //!   wrong, or its next frame does not come before the lane has another use. A list without an
 //!   entry for this node changes nothing, and a transfer that gets no lane or is displaced is not
 //!   lost by its sender. Who lost the trust is trusted again from a transfer that ends in one order
@@ -80,7 +80,7 @@ impl Trust {
         }
     }
 
-    /// A transfer of a sender was lost or refused.
+    /// A transfer of a sender was lost or of no use.
     #[inline(never)]
     pub(super) fn end(&mut self, source: u8) {
         let trusted = &mut self.trusted[usize::from(source & 15)];
