@@ -118,8 +118,8 @@ impl Hub {
 // ---- transfers of several frames ----
 
 /// A node completes a list and begins one of each of two types just before each list of the
-/// autopilot. It could take both lanes for lists. Its RawCommands are of use to the node, so that it
-/// is as trusted as the autopilot and precedes it half of the time.
+/// autopilot. It could take both lanes for lists. Its RawCommands are of use to the node, so that
+/// it is as trusted as the autopilot and precedes it half of the time.
 #[test]
 fn a_node_that_takes_both_lanes_before_each_list_breaks_at_most_three_in_a_row() {
     let mut hub = Hub::with_motors(1);
