@@ -145,7 +145,7 @@ fn waits_ms(attackers: &[u32], entry: (u8, u8, f32), from: u8) -> [u32; 2] {
 /// An entry for another node.
 const OTHER: (u8, u8, f32) = (9, PWM, 1_500.0);
 
-/// Nor does it matter how many there are.
+/// However many they are.
 #[test]
 fn nodes_that_command_others_in_each_gap_of_a_commander_s_lists_break_none() {
     for attackers in [&[][..], &[10], &[10, 110], &[10, 44, 61, 110]] {

@@ -266,8 +266,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
                 };
                 payload = rest;
                 if lane.is_open {
-                    let is_its_own =
-                        lane.source == source && (!K::LANE_FOR_EACH_TYPE || lane.kind == kind);
+                    let is_its_own = lane.is_of(source, kind);
                     verdict = Verdict::Rejected(if is_its_own {
                         Rejection::Broken
                     } else {
@@ -340,8 +339,7 @@ fn lane<'a, K: Received, const KEPT: usize>(
     let mut chosen = None;
     let mut least = Hold::None;
     for lane in lanes {
-        let is_its_own = lane.is_open && lane.source == source;
-        if is_its_own && (!K::LANE_FOR_EACH_TYPE || lane.kind == kind) {
+        if lane.is_open && lane.is_of(source, kind) {
             return Some(lane);
         }
         if is_start {

@@ -246,7 +246,7 @@ impl Soak {
         self.send_arming();
         self.rig.run_ms(SLOT_MS);
         self.others.restart();
-        // The node trusts a sender that has completed commands of several frames for 64 ms.
+        // A sender that lost commands in the fault is trusted again within 64 ms: see `trust.rs`.
         for _ in 0..5 {
             for (source, id) in [(AUTOPILOT, 1), (COMPANION, COMPANIONS as u8 + 1)] {
                 let entries = [(id, PWM, 1200.0), (FOREIGN, PWM, 1000.0)];

@@ -149,6 +149,12 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.is_open && expires_ms.wrapping_sub(self.expires_ms) < HOLD_MS
     }
 
+    /// True if a transfer of this sender and type has this lane.
+    #[inline(always)]
+    pub(super) fn is_of(&self, source: u8, kind: K) -> bool {
+        self.source == source && (!K::LANE_FOR_EACH_TYPE || self.kind == kind)
+    }
+
     /// How readily the transfer gives up its lane.
     #[inline(always)]
     pub(super) fn hold(&self, expires_ms: u16, trust: &Trust) -> Hold {

@@ -78,7 +78,7 @@ fn a_sender_precedes_two_others_soon() {
     assert!(pairs.as_flattened().iter().all(|&row| row <= 24), "{pairs:?}");
 }
 
-/// The fewest lists that remain for the commander, in thousandths, and the longest row without one.
+/// Each further one halves what is left, if it has the worst node ID.
 #[test]
 fn a_sender_precedes_many_others_at_times() {
     for count in 1..=7 {

@@ -11,7 +11,7 @@ fn list(source: u32) -> [Frame; 2] {
     two(source, 1, 7)
 }
 
-/// A rig in which these senders are trusted. In the first order of time a sender becomes trusted.
+/// A rig in which these senders are trusted: each has completed a list.
 fn rig(trusted: &[u32]) -> Rig {
     let mut rig = Rig::new();
     for &source in trusted {
@@ -45,7 +45,7 @@ fn when_precedes(first: u32, second: u32, now_ms: u16) -> u16 {
 }
 
 impl Rig {
-    /// Lets a sender complete a list in an order in which it becomes trusted.
+    /// Lets a sender complete a list in an order in which one that lost the trust is trusted again.
     fn trust(&mut self, source: u32) {
         self.now_ms = self.now_ms.next_multiple_of(4 * ORDER_MS);
         assert!(self.all(&list(source)).is_some());
