@@ -254,8 +254,8 @@ fn turns(page: &mut String) {
         if deepest.as_ref().is_none_or(|(most, _)| depth > *most) {
             let (statics, depth_seen) = (bottom - 0x100, top - sp);
             let mut table = format!(
-                "{depth} bytes at the deepest, with {what}; with {statics} bytes of variables {} \
-                 of {}. The calls that\nlead there, {depth_seen} bytes, with the stack in use \
+                "{depth} bytes at the deepest, with {what};\nwith {statics} bytes of variables {} \
+                 of {}. The calls that lead there, {depth_seen} bytes,\nwith the stack in use \
                  when each makes the next call:\n\n| bytes | function |\n| ---: | --- |\n",
                 statics + depth,
                 budget().statics_and_stack
