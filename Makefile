@@ -148,7 +148,7 @@ cross-check: web-page
 # The installed sim finds the firmware where "make firmware" leaves it. Offline: all has been
 # compiled, and cargo would look for newer crates.
 install: firmware sim-program bridge-program update-program
-	@set -e; for program in sim bridge update; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$program; done
+	@set -e; for path in sim host/bridge host/update; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$path; done
 	@echo "Installed sim, bridge and node-update in $(PREFIX)/bin"
 	@case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo "The shell does not look there yet: add it to PATH" ;; esac
 	@$(if $(BOARD)$(SHIELD)$(FEATURES),echo "sim without --elf simulates the default firmware. For this one: sim --elf '$(abspath $(ELF))'")
@@ -242,7 +242,7 @@ test-host:
 		-p bus-load -p can-link -p node-update -p avr-chip -p avr-model -p bench -p sim -p rig
 
 # They run the program that is in target/firmware, so it must be of these sources.
-TEST_FILES := $(patsubst tests/%.rs,%,$(wildcard tests/*.rs))
+TEST_FILES := $(patsubst tests/boards/%.rs,%,$(wildcard tests/boards/*.rs))
 test-firmware: firmware
 	$(ON_BOARD) cargo test -p tests -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
 
@@ -271,7 +271,7 @@ WITHOUT_THESIS = TEST_FILES='$(filter-out thesis,$(TEST_FILES))'
 test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
 	@# The tests that take long, on the default board, and all on the boards with the other chip.
-	cargo test -p tests -p bridge $(patsubst tests/%.rs,--test %,$(wildcard tests/*.rs)) -- --ignored
+	cargo test -p tests -p bridge $(patsubst tests/boards/%.rs,--test %,$(wildcard tests/boards/*.rs)) -- --ignored
 	@# The preset without a serial monitor, which most tests read.
 	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p tests -p bridge --test load
 	@# Except the tests of the thesis, whose node was an ATmega168.
@@ -296,7 +296,7 @@ test-boards:
 fuzz: firmware
 	FUZZ_FRAMES=1000000 cargo test -p tests --test fuzz -- --nocapture
 
-# New inputs stay in the target directory; fuzz/corpus is only read. See docs/fuzzing.md.
+# New inputs stay in the target directory; tests/fuzz/corpus is only read. See docs/fuzzing.md.
 FUZZED := node commanders eeprom host sim bridge
 TIME := 60
 MUTANTS = $(TOOLS)/bin/cargo-mutants mutants --jobs 2 --timeout 60 --build-timeout 100
@@ -304,8 +304,8 @@ fuzz-coverage: $(TOOLS)/bin/cargo-fuzz
 	@set -e; for target in $(FUZZED); do \
 		found=$(abspath $(TARGET_DIR))/fuzz/corpus/$$target; \
 		mkdir -p $$found; \
-		$(abspath $<) run --fuzz-dir fuzz --target-dir $(abspath $(TARGET_DIR))/fuzz -s none $$target \
-			$$found fuzz/corpus/$$target -- -max_total_time=$(TIME) -max_len=2048 -timeout=20 -print_final_stats=1; \
+		$(abspath $<) run --fuzz-dir tests/fuzz --target-dir $(abspath $(TARGET_DIR))/fuzz -s none $$target \
+			$$found tests/fuzz/corpus/$$target -- -max_total_time=$(TIME) -max_len=2048 -timeout=20 -print_final_stats=1; \
 	done
 
 soak: firmware
@@ -337,7 +337,7 @@ lint: lint-firmware
 
 lint-firmware: setup
 	cargo fmt --all --check
-	cargo fmt --manifest-path fuzz/Cargo.toml --check
+	cargo fmt --manifest-path tests/fuzz/Cargo.toml --check
 	scripts/drawings --check
 	scripts/lint
 	scripts/docs
@@ -357,13 +357,13 @@ DENY = $(TOOLS)/bin/cargo-deny --locked --config .cargo/deny.toml
 deny: $(TOOLS)/bin/cargo-deny
 	$(DENY) --workspace check licenses sources
 	$(DENY) --workspace --exclude-dev check -A unused-wrapper bans
-	$(DENY) --manifest-path fuzz/Cargo.toml check -A unused-wrapper licenses sources bans
+	$(DENY) --manifest-path tests/fuzz/Cargo.toml check -A unused-wrapper licenses sources bans
 
 # Known vulnerabilities of the dependencies. It clones https://github.com/rustsec/advisory-db, so
 # "make test" leaves it out.
 advisories: $(TOOLS)/bin/cargo-deny
 	$(DENY) --workspace check advisories
-	$(DENY) --manifest-path fuzz/Cargo.toml check advisories
+	$(DENY) --manifest-path tests/fuzz/Cargo.toml check advisories
 
 # The pages are of the default preset.
 bench: firmware third-party

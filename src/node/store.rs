@@ -112,7 +112,7 @@ fn crc_start(marker: u8) -> u16 {
 const SAMPLES: u8 = 64;
 
 /// Steps of a save at each call: the check of a byte, and with many parameters the write of the
-/// next one, too. Clients wait for a second; `tests/parameters.rs` limits a save to 0.95 s.
+/// next one, too. Clients wait for a second; `tests/boards/parameters.rs` limits a save to 0.95 s.
 const STEPS: u8 = if OUTPUTS == 1 { 1 } else { 2 };
 
 /// The state of a save.

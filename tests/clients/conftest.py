@@ -61,7 +61,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 # Our own types, loaded as a user loads them: the directory is the namespace. Loading creates all
 # types again, also the standard ones, so it must come before any use. The applications of
 # pydronecan hold the old types, so they are loaded again.
-dronecan.load_dsdl(str(ROOT / "dsdl" / "thesis"))
+dronecan.load_dsdl(str(ROOT / "tests" / "clients" / "dsdl" / "thesis"))
 importlib.reload(dronecan.app.node_monitor)
 importlib.reload(dronecan.app.dynamic_node_id)
 

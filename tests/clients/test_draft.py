@@ -167,7 +167,7 @@ def test_the_rust_tests_quote_these_frames_of_the_draft(made, quoted):
         " | ".join(f"{can_id:08X} {data.hex(' ').upper()}".strip() for can_id, data in made)
         == quoted
     )
-    text = re.sub(r"\\\n\s*", "", (ROOT / "host/src/draft/tests.rs").read_text())
+    text = re.sub(r"\\\n\s*", "", (ROOT / "host/dronecan/src/draft/tests.rs").read_text())
     assert f'"{quoted}"' in text
 
 
@@ -183,7 +183,7 @@ def test_the_rust_tests_quote_these_frames_of_the_draft(made, quoted):
     ],
 )
 def test_the_signatures_equal_those_of_the_definitions(constant, name):
-    text = (ROOT / "host/src/draft/types.rs").read_text()
+    text = (ROOT / "host/dronecan/src/draft/types.rs").read_text()
     digits = f"{signature(name):016X}"
     number = "0x" + "_".join(digits[at : at + 4] for at in range(0, 16, 4))
     wanted = (

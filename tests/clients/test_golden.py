@@ -339,8 +339,8 @@ CASES = {
 }
 
 
-# Requests from node 127 to node 120 and the responses, as quoted in tests/services.rs and in the
-# tests of the simulator's decoder.
+# Requests from node 127 to node 120 and the responses, as quoted in tests/boards/services.rs and in
+# the tests of the simulator's decoder.
 SERVICES = [
     (protocol.GetNodeInfo.Request, True, 3, "1E01F8FF C3"),
     (get_set, True, 0, "1E0BF8FF 00 00 C0"),
@@ -488,7 +488,7 @@ def test_pydronecan_produces_the_quoted_requests_and_responses(
     data = expected.split(" ", 1)[1]
     assert any(
         f" {data}" in with_joined_strings(path)
-        for path in ("tests/services.rs", "host/src/tests.rs")
+        for path in ("tests/boards/services.rs", "host/dronecan/src/tests.rs")
     )
 
 
@@ -501,41 +501,41 @@ def test_pydronecan_produces_the_quoted_messages(name):
 @pytest.mark.parametrize(
     "file, name, quoted",
     [
-        ("host/src/tests.rs", "NodeStatus", "whole"),
-        ("host/src/tests.rs", "ArrayCommand of one", "whole"),
-        ("host/src/tests.rs", "ArrayCommand of three", "whole"),
+        ("host/dronecan/src/tests.rs", "NodeStatus", "whole"),
+        ("host/dronecan/src/tests.rs", "ArrayCommand of one", "whole"),
+        ("host/dronecan/src/tests.rs", "ArrayCommand of three", "whole"),
         ("src/node/outgoing/tests.rs", "NodeStatus", "whole"),
-        ("tests/servo.rs", "ArrayCommand of one", "data"),
-        ("host/src/tests.rs", "LightsCommand of three", "whole"),
-        ("host/src/tests.rs", "CanStats", "whole"),
-        ("host/src/tests.rs", "KeyValue", "whole"),
-        ("host/src/tests.rs", "SafetyState", "whole"),
-        ("host/src/tests.rs", "Button", "whole"),
-        ("host/src/tests.rs", "LogMessage", "whole"),
-        ("host/src/tests.rs", "CircuitStatus", "whole"),
-        ("host/src/tests.rs", "BatteryInfo", "whole"),
-        ("host/src/tests.rs", "BatteryInfo of nothing known", "whole"),
+        ("tests/boards/servo.rs", "ArrayCommand of one", "data"),
+        ("host/dronecan/src/tests.rs", "LightsCommand of three", "whole"),
+        ("host/dronecan/src/tests.rs", "CanStats", "whole"),
+        ("host/dronecan/src/tests.rs", "KeyValue", "whole"),
+        ("host/dronecan/src/tests.rs", "SafetyState", "whole"),
+        ("host/dronecan/src/tests.rs", "Button", "whole"),
+        ("host/dronecan/src/tests.rs", "LogMessage", "whole"),
+        ("host/dronecan/src/tests.rs", "CircuitStatus", "whole"),
+        ("host/dronecan/src/tests.rs", "BatteryInfo", "whole"),
+        ("host/dronecan/src/tests.rs", "BatteryInfo of nothing known", "whole"),
         ("src/node/tests/battery.rs", "BatteryInfo of the node", "whole"),
         ("src/node/tests/battery.rs", "BatteryInfo of nothing known", "whole"),
-        ("host/src/tests.rs", "hardpoint.Command", "whole"),
-        ("host/src/tests.rs", "hardpoint.Command of a mask", "whole"),
-        ("host/src/tests.rs", "hardpoint.Status", "whole"),
+        ("host/dronecan/src/tests.rs", "hardpoint.Command", "whole"),
+        ("host/dronecan/src/tests.rs", "hardpoint.Command of a mask", "whole"),
+        ("host/dronecan/src/tests.rs", "hardpoint.Status", "whole"),
         ("src/node/tests/relays.rs", "hardpoint.Command", "whole"),
-        ("host/src/tests.rs", "RPM of 6,000", "whole"),
-        ("host/src/tests.rs", "RPM of 60,000", "whole"),
-        ("host/src/tests.rs", "RPM of 61.75", "whole"),
-        ("host/src/tests.rs", "RPM that is unhealthy", "whole"),
+        ("host/dronecan/src/tests.rs", "RPM of 6,000", "whole"),
+        ("host/dronecan/src/tests.rs", "RPM of 60,000", "whole"),
+        ("host/dronecan/src/tests.rs", "RPM of 61.75", "whole"),
+        ("host/dronecan/src/tests.rs", "RPM that is unhealthy", "whole"),
         ("src/node/tests/rpm.rs", "RPM of 6,000", "whole"),
         ("src/node/tests/rpm.rs", "RPM of 60,000", "whole"),
         ("src/node/tests/rpm.rs", "RPM that is unhealthy", "whole"),
         ("src/node/tests/rpm.rs", "RPM of a shaft that stands", "whole"),
-        ("host/src/tests.rs", "RawCommand of none", "whole"),
-        ("host/src/tests.rs", "RawCommand of four", "whole"),
-        ("host/src/tests.rs", "RawCommand of eight", "whole"),
-        ("host/src/tests.rs", "RawCommand of twenty", "whole"),
-        ("tests/long_commands.rs", "ArrayCommand of fifteen", "whole"),
-        ("tests/long_commands.rs", "ArrayCommand of eight", "whole"),
-        ("tests/long_commands.rs", "ArrayCommand with one ID twice", "whole"),
+        ("host/dronecan/src/tests.rs", "RawCommand of none", "whole"),
+        ("host/dronecan/src/tests.rs", "RawCommand of four", "whole"),
+        ("host/dronecan/src/tests.rs", "RawCommand of eight", "whole"),
+        ("host/dronecan/src/tests.rs", "RawCommand of twenty", "whole"),
+        ("tests/boards/long_commands.rs", "ArrayCommand of fifteen", "whole"),
+        ("tests/boards/long_commands.rs", "ArrayCommand of eight", "whole"),
+        ("tests/boards/long_commands.rs", "ArrayCommand with one ID twice", "whole"),
     ],
 )
 def test_the_rust_tests_quote_these_messages(file, name, quoted):

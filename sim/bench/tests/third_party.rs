@@ -2,8 +2,8 @@
 //! which other authors wrote for the real chip. The firmwares work on the model, and the errors of
 //! these crates on the real chip show on the model, too.
 //!
-//! `make third-party` builds the firmwares (`third-party/` in the workspace) for both chips and two
-//! CAN boards. Every test runs on the default board, and some tests run on all boards. With
+//! `make third-party` builds the firmwares (`tests/third-party/` in the workspace) for both chips
+//! and two CAN boards. Every test runs on the default board, and some tests run on all boards. With
 //! `--nocapture` the test of the costs prints the numbers for the documents. Sections are those of
 //! Microchip DS20001801J.
 
@@ -19,7 +19,8 @@ use stand::{
 /// The firmwares that use their crate correctly.
 const CORRECT: [ThirdParty; 2] = [ThirdParty::Mcp2515, ThirdParty::Mcp25xx];
 
-// Masks and filters of `third-party/job.rs`: RXF0 and RXF1 belong to RXB0, the others to RXB1.
+// Masks and filters of `tests/third-party/job.rs`: RXF0 and RXF1 belong to RXB0, the others to
+// RXB1.
 const MASK_0: u32 = 0x1FFF_FF00;
 const MASK_1: u32 = 0x1FFF_0000;
 const RXF0: u32 = 0x1234_5600;

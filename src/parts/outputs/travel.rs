@@ -20,7 +20,7 @@ pub enum CommandType {
     Position = 1,
     /// Width of the pulse in microseconds (the same).
     Pwm = 4,
-    /// 0 to 255 over the full travel (dsdl/thesis/ServoCommand).
+    /// 0 to 255 over the full travel (tests/clients/dsdl/thesis/ServoCommand).
     Byte,
     /// 0 to 8191 over the full travel; less than 0 is 0 (DSDL
     /// uavcan/equipment/esc/1030.RawCommand.uavcan).

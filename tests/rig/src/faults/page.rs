@@ -1,0 +1,124 @@
+//! Writes docs/reliability.md: all cases with their measured times.
+
+use std::fmt::Write as _;
+
+use super::{Case, Measured, bus, chip, input, processor};
+
+const INTRODUCTION: &str = "\
+# Reliability
+
+Each fault, what the node does, and how long it takes. `make reliability` measures this with the
+shipped ELF in the simulator, and writes this page. `make test` checks each case against the limits
+in brackets (`bus_faults.rs`, `chip_faults.rs`, `processor_faults.rs` and `input_faults.rs` in
+`tests/boards`; the cases are in `tests/rig/src/faults`).
+
+An autopilot commands the servo 50 times a second, with `OUT1_TIMEOUT` 300 ms and `OUT1_FS` the
+trim. *Logged* is the time from the beginning of the fault to the end of its line on the serial
+monitor. *Back* is the time from the end of the fault until a servo pulse shows a new command
+**and** the node has answered a request. It includes the 20 ms between two commands and the 20 ms of
+the servo's period, so 53 ms is the shortest time that can be measured. The bits are those of the
+vendor-specific status code ([status.md](status.md)); the tests check them, too. In every fault each
+pulse of the servo was complete, began 20 ms after the one before, and had a width that the column
+*servo* allows.
+
+After a fault the node does not flood the bus: it drops frames that it could not send in time, and a
+status has the current state.
+";
+
+const SOAK: &str = "
+## Long runs
+
+`make soak HOURS=4` runs a node for simulated hours: 50 commands a second, statuses and other
+messages of other nodes, a client that reads, sets and saves parameters, and about four times a
+minute one of 21 kinds of faults. The node must recover from each within a second. Between the
+faults the test checks that the node follows and counts each command, that each pulse has the width
+of a recent command and begins 20 ms after the one before, that statuses come in time, in order and
+with the right uptime, that the controller loses nothing, that parameters keep their values, and
+that the stack stays within its limit. `make test` does this for a minute (`tests/boards/soak.rs`).
+
+Four hours on the Diecimila with the preset `default` (23 November 2026; it took an hour): 704,052
+commands, 10,821 requests, 687 saves, 1,355,577 frames and 687 faults of 21 kinds. No check failed;
+40 frames were lost, each in a fault. The longest recovery took 180 ms, from a controller that was
+held in configuration mode.
+
+An hour of each program with nodes that disturb the commanders (25 November 2026,
+`tests/rig/src/soak`): half-senders of which one commands, too, NaN beside each command, statuses of
+a stranger, and on the Uno types and IDs that change and updates that are asked for as commands
+begin. No check failed.
+
+* Diecimila, `default`: 176,083 commands, 331,362 first frames of commands that never ended, 170
+  faults. The half-commander kept 1,633 commands out of the only lane. 31 frames were lost, each in
+  a fault; the longest recovery took 160 ms.
+* Uno, `full` with eight outputs: 451,572 commands, 312,502 such first frames, 514 changes of types
+  and IDs, 177 faults. No command was kept out. 57 frames were lost, each in a fault; the longest
+  recovery took 140 ms.
+
+## Mistakes in the program
+
+A test that cannot fail proves nothing. So two programs put mistakes into the firmware, and the
+tests must notice them.
+
+* `make mutants` runs cargo-mutants with the unit tests: on `crates/`, and on the modules of
+  `src/node` that decide a pulse, load parameters, or set the health. In `actuator.rs`,
+  `actuators.rs`, `servo.rs`, `autopilot.rs`, `agenda.rs`, `condition.rs`, `health.rs` and
+  `store.rs` it made 340 mistakes. Two are not noticed, both in how noise is spread over a new
+  unique ID. In `parameters.rs`, `dronecan-wire` and `mcp2515-ordered` it made 905. 20 are not
+  noticed, all in the driver: bits that its tests never see set, the times at which it checks the
+  chip, and the count of a bus-off. The tests on simulated boards check those. `.cargo/mutants.toml`
+  leaves out mistakes that make the same program, with the reason.
+* `make elf-mutants` breaks the shipped program in 33 places, such as no check of a CRC, a failsafe
+  without limits, or no watchdog, and runs the tests on simulated boards. They notice each.
+
+## What the node does not notice
+
+* A filter or a mask of the controller that changes by itself: outside configuration mode all of
+  them read as zero (DS20001801J 4.5), and a change of mode loses frames. The failsafe writes the
+  filters again, because a changed filter may be why commands stopped. A filter that accepts too
+  much only costs time. One that rejects requests or statuses is corrected by the next failsafe or
+  restart.
+* A bit that flips on the SPI while the node reads a command: a single-frame transfer has no CRC
+  that the program can check. The pulse stays within the travel, and the next command corrects it.
+";
+
+/// Titles of the chapters, with their cases.
+pub const CHAPTERS: [(&str, &[&Case]); 4] = [
+    ("The bus", &bus::ALL),
+    ("The CAN controller", &chip::ALL),
+    ("The processor", &processor::ALL),
+    ("The sensor and the received frames", &input::ALL),
+];
+
+/// The cells of a case's row. Without a measurement the two measured times are empty.
+pub fn row(case: &Case, measured: Option<Measured>) -> [String; 6] {
+    let logged = case.logged_limit_ms.map(|limit| {
+        let logged = measured.and_then(|measured| measured.logged_ms);
+        format!("{} ({limit})", logged.map_or(String::new(), |ms| format!("{ms:.0}")))
+    });
+    let back = measured.map_or(String::new(), |measured| format!("{:.0}", measured.recovery_ms));
+    [
+        case.fault.into(),
+        case.noticed.into(),
+        logged.unwrap_or_default(),
+        case.reaction.into(),
+        case.servo.into(),
+        format!("{back} ({})", case.limit_ms),
+    ]
+}
+
+/// The whole page, with the times that `measure` returns for each case.
+pub fn page(measure: impl Fn(&Case) -> Measured) -> String {
+    let mut page = String::from(INTRODUCTION);
+    for (title, cases) in CHAPTERS {
+        let _ = write!(
+            page,
+            "\n## {title}\n\n\
+             | what | noticed by | logged, ms (limit) | reaction | servo | back, ms (limit) |\n\
+             | --- | --- | ---: | --- | --- | ---: |\n"
+        );
+        for case in cases {
+            let _ = writeln!(page, "| {} |", row(case, Some(measure(case))).join(" | "));
+        }
+    }
+    page.push_str(SOAK);
+    page
+}
