@@ -242,13 +242,17 @@ test-host:
 		-p bus-load -p can-link -p node-update -p avr-chip -p avr-model -p bench -p sim -p rig
 
 # They run the program that is in target/firmware, so it must be of these sources.
-TEST_FILES := $(patsubst tests/boards/%.rs,%,$(wildcard tests/boards/*.rs))
+# TEST_FILES= chooses files of tests/boards.
+BOARD_TESTS = cargo test -p tests -p bridge --test boards --
+FILES := $(patsubst tests/boards/%.rs,%,$(filter-out %/main.rs,$(wildcard tests/boards/*.rs)))
+TEST_FILES := $(FILES)
 test-firmware: firmware
-	$(ON_BOARD) cargo test -p tests -p bridge $(addprefix --test ,$(TEST_FILES)) $(LONG_TESTS)
+	$(if $(filter-out $(FILES),$(TEST_FILES)),$(error tests/boards has no $(filter-out $(FILES),$(TEST_FILES))))
+	$(ON_BOARD) $(BOARD_TESTS) $(if $(filter-out $(TEST_FILES),$(FILES)),$(addsuffix ::,$(TEST_FILES))) $(LONG_TESTS)
 
 # The same tests for the boards with an ATmega328P.
 test-uno:
-	NODE_BOARD=uno NODE_SHIELD=seeed cargo test -p tests -p bridge $(addprefix --test ,$(ON_UNO)) $(LONG_TESTS)
+	NODE_BOARD=uno NODE_SHIELD=seeed $(BOARD_TESTS) $(addsuffix ::,$(ON_UNO)) $(LONG_TESTS)
 
 # They mostly wait for real time. Their node is on the default board.
 CLIENTS := not long
@@ -267,16 +271,16 @@ test-web: web-page
 
 # The long tests, one after the other. Append new ones.
 LONG := reliability elf-mutants fuzz fuzz-coverage soak
-WITHOUT_THESIS = TEST_FILES='$(filter-out thesis,$(TEST_FILES))'
+WITHOUT_THESIS = LONG_TESTS='--include-ignored --skip thesis::'
 test-all: test lint
 	@$(MAKE) --no-print-directory test-library PRESETS=full BOARD=uno SHIELD=module
 	@# The tests that take long, on the default board, and all on the boards with the other chip.
-	cargo test -p tests -p bridge $(patsubst tests/boards/%.rs,--test %,$(wildcard tests/boards/*.rs)) -- --ignored
+	$(BOARD_TESTS) --ignored
 	@# The preset without a serial monitor, which most tests read.
-	NODE_ELF=$$(scripts/firmware --path remote) cargo test -p tests -p bridge --test load
+	NODE_ELF=$$(scripts/firmware --path remote) $(BOARD_TESTS) load::
 	@# Except the tests of the thesis, whose node was an ATmega168.
-	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
-	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS) LONG_TESTS='-- --include-ignored'
+	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=seeed $(WITHOUT_THESIS)
+	@$(MAKE) --no-print-directory firmwares test-firmware BOARD=uno SHIELD=module $(WITHOUT_THESIS)
 	@$(MAKE) --no-print-directory test-boards
 	@$(MAKE) --no-print-directory build-twice
 	@$(MAKE) --no-print-directory test-clients CLIENTS=long
@@ -294,7 +298,7 @@ test-boards:
 	@scripts/boot --every-board
 
 fuzz: firmware
-	FUZZ_FRAMES=1000000 cargo test -p tests --test fuzz -- --nocapture
+	FUZZ_FRAMES=1000000 $(BOARD_TESTS) fuzz:: --nocapture
 
 # New inputs stay in the target directory; tests/fuzz/corpus is only read. See docs/fuzzing.md.
 FUZZED := node commanders eeprom host sim bridge

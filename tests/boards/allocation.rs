@@ -9,7 +9,9 @@ use bench::autopilot::Settings;
 use bench::can::{Fault, Frame, Id};
 use bench::dronecan::{Allocation, CanId, Message, NodeId, TransferId, split, types};
 use rig::manage::ms_between;
-use rig::{MS, NODE, Rig, SERVO_COMMAND};
+use rig::{MS, NODE, Program, Rig, SERVO_COMMAND};
+
+const PROGRAM: Program = Program::Full;
 
 /// Allocation message from node 127, the allocator.
 const ALLOCATION_FROM_127: u32 = 0x1E00_017F;
@@ -31,7 +33,7 @@ fn allocatee() -> (&'static [u8], [u8; 16]) {
 
 /// Like [`allocatee`] for another board.
 fn another_allocatee(seed: u64) -> (Vec<u8>, [u8; 16]) {
-    let mut rig = Rig::new_board();
+    let mut rig = PROGRAM.new_board();
     if seed > 0 {
         rig.board().avr_mut().seed(seed);
         rig.cut_power();
@@ -46,7 +48,7 @@ fn another_allocatee(seed: u64) -> (Vec<u8>, [u8; 16]) {
 /// A board without an ID, just started; and its unique ID.
 fn board_without_id() -> (Rig, [u8; 16]) {
     let (eeprom, unique_id) = allocatee();
-    (Rig::with_boards(&[eeprom]), unique_id)
+    (PROGRAM.with_boards(&[eeprom]), unique_id)
 }
 
 /// The node's requests so far. Panics at any other frame of the node.
@@ -359,7 +361,7 @@ fn an_allocated_id_is_forgotten_at_a_restart() {
 
 #[test]
 fn a_node_with_an_id_ignores_allocation() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     let unique_id = rig.information().unique_id;
     for n in 0..10 {
         request_as_another_node(&mut rig);
@@ -398,7 +400,7 @@ fn it_accepts_the_lowest_and_the_highest_id() {
 fn two_boards_that_start_together_get_different_ids() {
     let (first, second) = (allocatee(), another_allocatee(5));
     assert_ne!(first.1, second.1);
-    let mut rig = Rig::with_boards(&[first.0, &second.0]);
+    let mut rig = PROGRAM.with_boards(&[first.0, &second.0]);
     rig.attach_autopilot(Settings { allocates: true, ..Settings::default() });
     let statuses = |rig: &Rig, id: u32| rig.frames(0x1801_5500 | id).len();
     rig.wait_for("status of both", 15_000, |rig| statuses(rig, 125) > 0 && statuses(rig, 124) > 0);
@@ -435,7 +437,7 @@ fn two_new_boards_generate_different_unique_ids_and_keep_them() {
     let ids: Vec<[u8; 16]> = (1..=4)
         .map(|seed| {
             let (eeprom, unique_id) = another_allocatee(seed);
-            let mut rig = Rig::with_boards(&[&eeprom]);
+            let mut rig = PROGRAM.with_boards(&[&eeprom]);
             let request = next_request(&mut rig, 1100);
             assert_eq!(request.part, unique_id[..6]);
             unique_id
@@ -452,7 +454,7 @@ fn two_new_boards_generate_different_unique_ids_and_keep_them() {
 #[test]
 fn after_a_power_cut_during_the_write_the_unique_id_is_valid() {
     for cut_ms in (0..80).step_by(7) {
-        let mut rig = Rig::new_board();
+        let mut rig = PROGRAM.new_board();
         // Runs to the first write to the EEPROM.
         while rig.board().avr().eeprom().iter().all(|byte| *byte == 0xFF) {
             rig.run_ms(1);

@@ -5,10 +5,10 @@
 use bench::avr::{Firmware, Pulse, ResetCause};
 use bench::can::Frame;
 use bench::dronecan::{Message, NumberAndText, ParameterRequest, TransferId, Value, split, types};
-use bench::{Cycles, Noise, bootloader, firmware_for};
+use bench::{Cycles, Noise, bootloader};
 use rig::{
-    ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, RAW_COMMAND, Rig, SAFETY_STATE, US,
-    array_command, started_with,
+    ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, Program, RAW_COMMAND, Rig, SAFETY_STATE, US,
+    array_command,
 };
 
 const ARMED: u8 = 255;
@@ -30,8 +30,7 @@ struct Hub {
 
 impl Hub {
     fn with_motors(motors: i64) -> Hub {
-        let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
-        let mut rig = Rig::running_elf(&elf, started_with(&elf));
+        let mut rig = Program::With("full").running();
         rig.set("OUT_COUNT", 8);
         for n in 1..=motors {
             rig.set(&format!("OUT{n}_TYPE"), 1);
@@ -271,9 +270,8 @@ fn a_servo_follows_a_commander_with_another_node_id_at_once_and_motors_follow_on
 
 #[test]
 fn anonymous_frames_with_any_discriminator_move_nothing() {
-    let full = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
-    for elf in [rig::shipped(), full] {
-        let mut rig = Rig::running_elf(&elf, started_with(&elf));
+    for program in [Program::Preset, Program::With("full")] {
+        let mut rig = program.running();
         rig.send_command(1, PWM, 1234.0);
         assert_eq!(rig.settled_pulse_us(), 1234.0);
         let mut random = Noise::new(7);

@@ -1,7 +1,9 @@
 //! The battery of the circuit (feature `battery`): BatteryInfo through the pins and the bus.
 
 use bench::dronecan::{BatteryInfo, Message};
-use rig::Rig;
+use rig::{Program, Rig};
+
+const PROGRAM: Program = Program::Full;
 
 const IN_USE: u16 = 1;
 const HOT: u16 = 8;
@@ -12,7 +14,7 @@ const UNKNOWN: u8 = 127;
 /// A node with a divider of 10 and 1 kOhm, and an INA180A1 with 10 mOhm: 0.2 V for an ampere. The
 /// battery has 100 mAh.
 fn watching() -> Rig {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for (name, value) in [
         ("PWR1_VOLT_MULT", 11_000),
         ("PWR1_AMP_PERVLT", 500),
@@ -46,7 +48,7 @@ fn last(rig: &mut Rig) -> BatteryInfo {
 
 #[test]
 fn a_node_without_a_rate_sends_no_battery_info() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.set("BATT_CAPACITY", 100);
     rig.forget();
     rig.run_ms(2000);

@@ -2,7 +2,7 @@
 //! same position, the node answers as fast as before, nothing has restarted, and the stack has
 //! stayed within its limit.
 //!
-//! It sends 20,000 frames. `FUZZ_FRAMES=1000000 cargo test --test fuzz` (`make fuzz`) takes some
+//! It sends 20,000 frames. `make fuzz`, which sets `FUZZ_FRAMES`, sends a million and takes some
 //! minutes. `FUZZ_SEED` sets another seed.
 
 use bench::Noise;

@@ -6,6 +6,7 @@ use bench::Bench;
 use bench::Cycles;
 use bench::avr::{Avr, Firmware, ResetCause};
 use bench::board::Board;
+use rig::Program;
 
 /// CPU cycles in a millisecond.
 const MS: Cycles = 16_000;
@@ -19,7 +20,8 @@ const RECORD: std::ops::Range<usize> = 4..23;
 const FIRST_START_MS: u64 = 1500;
 
 fn chip(seed: u64) -> Avr {
-    let firmware = Firmware::read(&rig::shipped()).unwrap_or_else(|error| panic!("{error:#}"));
+    let firmware =
+        Firmware::read(&Program::Preset.elf()).unwrap_or_else(|error| panic!("{error:#}"));
     let mut avr = Avr::with_firmware(&firmware).unwrap();
     avr.seed(seed);
     avr.reset(ResetCause::PowerOn);

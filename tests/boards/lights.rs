@@ -2,7 +2,9 @@
 //! firmware that has them.
 
 use bench::dronecan::{KeyValue, LightCommand, Message};
-use rig::{MS, NODE, Rig};
+use rig::{MS, NODE, Program, Rig};
+
+const PROGRAM: Program = Program::Full;
 
 const KEY_VALUE_OF_NODE: u32 = 0x183F_F200 | NODE;
 // ---- button ----
@@ -26,7 +28,7 @@ fn presses(rig: &Rig) -> Vec<f32> {
 
 #[test]
 fn a_press_of_the_button_publishes_the_count_once_despite_bounces() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for count in 1..=5u8 {
         bounce(&mut rig, true, 9);
         rig.run_ms(200);
@@ -45,7 +47,7 @@ fn a_press_of_the_button_publishes_the_count_once_despite_bounces() {
 #[test]
 fn a_press_of_a_second_toggles_the_safety_switch_of_ardupilot_once() {
     for (ms, toggles) in [(900, 0), (1200, 1), (3000, 1)] {
-        let mut rig = Rig::running();
+        let mut rig = PROGRAM.running();
         bounce(&mut rig, true, 9);
         rig.run_ms(ms);
         bounce(&mut rig, false, 9);
@@ -65,7 +67,7 @@ fn a_press_of_a_second_toggles_the_safety_switch_of_ardupilot_once() {
 
 #[test]
 fn a_spike_on_the_button_s_wire_is_no_press() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for _ in 0..20 {
         rig.board().press_button(true);
         rig.run_ms(5);
@@ -77,7 +79,7 @@ fn a_spike_on_the_button_s_wire_is_no_press() {
 
 #[test]
 fn a_button_held_at_the_start_counts_at_most_one_press_and_works_later() {
-    let mut rig = Rig::powered();
+    let mut rig = PROGRAM.powered();
     rig.board().press_button(true);
     rig.run_ms(500);
     rig.board().press_button(false);
@@ -99,14 +101,14 @@ fn light(rig: &mut Rig, commands: &[(u8, u8, u8, u8)]) -> f64 {
 
 #[test]
 fn the_light_is_off_until_the_first_command() {
-    let mut rig = Rig::powered();
+    let mut rig = PROGRAM.powered();
     rig.run_ms(500);
     assert_eq!(rig.board().light(), 0.0);
 }
 
 #[test]
 fn a_lights_command_dims_the_light() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     assert_eq!(light(&mut rig, &[(0, 31, 63, 31)]), 1.0);
     assert_eq!(light(&mut rig, &[(0, 0, 0, 0)]), 0.0);
     let red: Vec<f64> = (0..=31).map(|red| light(&mut rig, &[(0, red, 0, 0)])).collect();
@@ -120,7 +122,7 @@ fn a_lights_command_dims_the_light() {
 
 #[test]
 fn the_light_follows_only_commands_for_its_id() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     assert_eq!(light(&mut rig, &[(1, 31, 63, 31), (255, 31, 63, 31)]), 0.0);
     let half = light(&mut rig, &[(1, 31, 63, 31), (0, 16, 32, 16), (2, 31, 63, 31)]);
     assert!((0.4..0.6).contains(&half), "{half}");
@@ -132,7 +134,7 @@ fn the_light_follows_only_commands_for_its_id() {
 
 #[test]
 fn an_invalid_transfer_does_not_change_the_light() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     let half = light(&mut rig, &[(0, 16, 32, 16)]);
     rig.send(0x1804_390A, &[0, 0xFF, 0xC0]);
     rig.send(0x1804_390A, &[0x12, 0x34, 0, 0xFF, 0xFF, 1, 0xFF, 0x80]);

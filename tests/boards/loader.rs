@@ -1,10 +1,7 @@
 //! The bootloader on the bus: it finds the bit rate before it sends, waits for slow servers, and
 //! takes frames of each length.
 
-#[path = "support/update_bench.rs"]
-mod update_bench;
-
-use update_bench::*;
+use crate::support::update_bench::*;
 
 /// The bit rates that the board can use, highest first.
 fn bit_rates() -> impl Iterator<Item = u32> {

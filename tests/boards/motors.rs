@@ -4,9 +4,11 @@
 use std::sync::OnceLock;
 
 use bench::dronecan::{TransferId, Value, split};
-use rig::Rig;
 use rig::load::{Client, Kind, Load, Loaded, Pace, SENDER};
 use rig::status::{ERROR, FAILSAFE, OK};
+use rig::{Program, Rig};
+
+const PROGRAM: Program = Program::Full;
 
 /// uavcan.equipment.esc.RawCommand with priority 7, of node 10.
 const RAW_COMMAND: u32 = 0x0704_060A;
@@ -19,7 +21,7 @@ const PWM: u8 = 4;
 fn eeprom() -> &'static [u8] {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
     EEPROM.get_or_init(|| {
-        let mut rig = Rig::running();
+        let mut rig = PROGRAM.running();
         rig.set("OUT_COUNT", 8);
         for motor in 0..4 {
             rig.set(&format!("OUT{}_TYPE", motor + 5), 1);
@@ -55,7 +57,7 @@ fn frames(commands: &[i16], transfer_id: u8) -> Vec<Vec<u8>> {
 
 impl Motors {
     fn new() -> Self {
-        Motors { rig: Rig::running_with(eeprom()), transfer_id: 0 }
+        Motors { rig: PROGRAM.running_with(eeprom()), transfer_id: 0 }
     }
 
     fn command(&mut self, commands: &[i16]) {
@@ -248,7 +250,7 @@ fn an_output_whose_type_changes_ignores_its_old_commands() {
 #[test]
 fn of_2000_raw_commands_for_eight_motors_a_second_no_frame_is_lost() {
     let load = Load { kind: Kind::RawCommand, priority: 31, pace: Pace::Every(16_000_000 / 6000) };
-    let mut loaded = Loaded::with_rig(Rig::running_with(eeprom()), Some(load), Client::Walking);
+    let mut loaded = Loaded::with_rig(PROGRAM.running_with(eeprom()), Some(load), Client::Walking);
     for _ in 0..8 {
         loaded.rig.send(ARMING_STATUS & !0xFF | SENDER, &[ARMED, 0xC0]);
         loaded.run_ms(250);

@@ -4,8 +4,7 @@
 use bench::Noise;
 use bench::can::{Frame, Id};
 use bench::dronecan::{Message, ParameterRequest};
-use bench::firmware_for;
-use rig::{ARRAY_COMMAND, MS, Rig, US, array_command, is_from_node, started_with};
+use rig::{ARRAY_COMMAND, MS, Program, Rig, US, array_command, is_from_node};
 
 /// The autopilot's command, node 10, in nine frames: `n` microseconds for actuator 1.
 fn long_command(n: u16) -> Vec<Vec<u8>> {
@@ -106,8 +105,7 @@ fn an_incomplete_request_does_not_stop_other_clients() {
 /// An ATmega328P can assemble two transfers at a time.
 #[test]
 fn two_alternating_senders_are_both_received_on_an_atmega328p() {
-    let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
-    let mut rig = Rig::with_boards_of(&elf, &[started_with(&elf)]);
+    let mut rig = Program::With("full").powered();
     rig.wait_until_up();
     let (low, high) = (long_command(100), long_command(200));
     for (first, second) in [(10, 11), (11, 10)] {

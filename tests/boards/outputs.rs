@@ -8,7 +8,9 @@ use bench::autopilot::{Moves, Profile, Settings};
 use bench::dronecan::{Message, ParameterRequest, Value};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
 use rig::status::{ERROR, FAILSAFE, OK, TRANSFER_ERRORS};
-use rig::{MS, Rig};
+use rig::{MS, Program, Rig};
+
+const PROGRAM: Program = Program::Full;
 
 const OUTPUTS: usize = 8;
 const PWM: u8 = 4;
@@ -22,7 +24,7 @@ const PERIOD: i64 = 20 * MS as i64;
 fn hub_eeprom() -> &'static [u8] {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
     EEPROM.get_or_init(|| {
-        let mut rig = Rig::running();
+        let mut rig = PROGRAM.running();
         rig.set("OUT_COUNT", OUTPUTS as i64);
         rig.save();
         rig.board().avr().eeprom()
@@ -30,7 +32,7 @@ fn hub_eeprom() -> &'static [u8] {
 }
 
 fn hub() -> Rig {
-    Rig::running_with(hub_eeprom())
+    PROGRAM.running_with(hub_eeprom())
 }
 
 /// A different width for each output.
@@ -129,7 +131,7 @@ fn while_ids_change_each_output_follows_the_entries_for_its_own() {
 #[test]
 fn by_default_one_output_is_in_use_and_the_other_pins_are_inputs() {
     const DDRB: u16 = 0x24;
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     command(&mut rig, 0..OUTPUTS);
     let mut expected = [None; OUTPUTS];
     expected[0] = Some(width_us(0));
@@ -146,7 +148,7 @@ fn by_default_one_output_is_in_use_and_the_other_pins_are_inputs() {
 #[test]
 fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_rejected_and_logged() {
     for (count, highest_rate) in [(8, 50), (6, 66), (4, 100), (3, 133), (2, 200), (1, 333)] {
-        let mut rig = Rig::running();
+        let mut rig = PROGRAM.running();
         rig.set("OUT_COUNT", count);
         rig.set("OUT_RATE", highest_rate);
         if highest_rate < 333 {
@@ -165,7 +167,7 @@ fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_rejected_and_logged(
 
 #[test]
 fn four_outputs_run_at_100_hz() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.set("OUT_COUNT", 4);
     rig.set("OUT_RATE", 100);
     rig.save();

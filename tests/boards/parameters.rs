@@ -4,7 +4,7 @@
 use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
 use rig::manage::{SAVE_TIMEOUT_MS, integer, ms_between, parameters};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
-use rig::{MS, Rig, started};
+use rig::{MS, Program, Rig, started};
 
 /// Parameters that the tests mark with other values in each generation, from all parts of the
 /// table. They do not affect the tests.
@@ -370,7 +370,7 @@ fn without_a_valid_copy_the_defaults_are_in_force_and_the_node_is_critical() {
     for at in difference(&before, &between).into_iter().chain(difference(&between, &after)) {
         broken[at] = after[at] ^ 0x40;
     }
-    let mut rig = Rig::with_boards(&[&broken]);
+    let mut rig = Program::Preset.with_boards(&[&broken]);
     rig.wait_for("the first NodeStatus", 100, |rig| !rig.statuses().is_empty());
     rig.wait_for_line("parameters lost", 100);
     assert_eq!(rig.next_status(), (CRITICAL, PARAMETERS_LOST));
@@ -392,7 +392,7 @@ fn an_erased_eeprom_is_not_reported_as_lost() {
     assert_defaults(&mut rig);
     let mut eeprom = started().to_vec();
     eeprom.fill(0xFF);
-    let mut rig = Rig::with_boards(&[&eeprom]);
+    let mut rig = Program::Preset.with_boards(&[&eeprom]);
     rig.run_ms(2500);
     assert_eq!(rig.next_status(), (OK, 0));
 }

@@ -3,13 +3,15 @@
 
 use bench::dronecan::CircuitStatus;
 use bench::dronecan::Message;
-use rig::Rig;
 use rig::status::{OK, POWER, WARNING};
+use rig::{Program, Rig};
+
+const PROGRAM: Program = Program::Full;
 
 /// A node with a divider of 10 and 1 kOhm, and an ACS712 for 30 A: 2.5 V at 0 A, 66 mV more per
 /// ampere.
 fn measuring() -> Rig {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for (name, value) in [
         ("PWR1_VOLT_MULT", 11_000),
         ("PWR1_AMP_PERVLT", 1515),
@@ -51,7 +53,7 @@ fn assert_near(status: &CircuitStatus, volts: f32, amperes: f32) {
 
 #[test]
 fn a_node_without_a_rate_sends_no_circuit_status() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.forget();
     rig.run_ms(2000);
     assert_eq!(statuses(&mut rig), []);

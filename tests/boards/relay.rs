@@ -3,7 +3,9 @@
 
 use bench::dronecan::{HardpointStatus, Message};
 use bench::wiring::Pin;
-use rig::Rig;
+use rig::{Program, Rig};
+
+const PROGRAM: Program = Program::With("relay");
 
 /// uavcan.equipment.hardpoint.Command of node 10.
 const COMMAND: u32 = 0x1804_2E0A;
@@ -11,7 +13,7 @@ const COMMAND: u32 = 0x1804_2E0A;
 /// A node whose output 1 is a relay with the ID 5, and output 3 one with the ID 6. Output 2 is a
 /// servo.
 fn switching() -> Rig {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for (name, value) in
         [("OUT_COUNT", 3), ("OUT1_TYPE", 2), ("OUT1_ID", 5), ("OUT3_TYPE", 2), ("OUT3_ID", 6)]
     {
@@ -95,7 +97,7 @@ fn the_status_of_each_relay_is_sent_once_in_two_seconds() {
 
 #[test]
 fn a_single_output_can_be_a_relay_that_holds_at_the_start() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for (name, value) in [("RELAY_START", 1), ("OUT1_TYPE", 2)] {
         rig.set(name, value);
     }

@@ -5,9 +5,11 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use bench::dronecan::{Message, Rpm};
-use bench::{Cycles, F_CPU_HZ, firmware_for};
+use bench::{Cycles, F_CPU_HZ};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
-use rig::{MS, Rig, started_with};
+use rig::{MS, Program, Rig};
+
+const PROGRAM: Program = Program::With("rpm");
 
 /// The highest rate of pulses that can be counted, in hertz.
 const HIGHEST_HZ: f64 = 3900.0;
@@ -23,7 +25,7 @@ const RATE: i64 = 20;
 
 /// A node that counts.
 fn counting() -> Rig {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.set("RPM_RATE", RATE);
     rig
 }
@@ -31,15 +33,15 @@ fn counting() -> Rig {
 /// A node that counts, with eight outputs in use.
 fn counting_with_outputs() -> Rig {
     static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
-    let elf = firmware_for("uno", "seeed", "outputs,rpm").unwrap_or_else(|error| panic!("{error}"));
+    let program = Program::With("outputs,rpm");
     let eeprom = EEPROM.get_or_init(|| {
-        let mut rig = Rig::running_elf(&elf, started_with(&elf));
+        let mut rig = program.running();
         rig.set("OUT_COUNT", 8);
         rig.set("RPM_RATE", RATE);
         rig.save();
         rig.board().avr().eeprom()
     });
-    Rig::running_elf(&elf, eeprom)
+    program.running_with(eeprom)
 }
 
 /// The time from one pulse to the next at this many pulses a minute.
@@ -163,7 +165,7 @@ fn noise_of_100_khz_is_told_and_the_speed_comes_back_after_it() {
 
 #[test]
 fn by_default_no_pulse_interrupts_and_no_speed_is_sent() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     turn(&mut rig, 60_000.0);
     let is_enabled = |rig: &mut Rig| rig.board().avr().interrupt_pins().contains(&('D', 3));
     for _ in 0..200 {

@@ -2,7 +2,9 @@
 //! firmwares with the feature `safety`.
 
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
-use rig::{MS, Rig};
+use rig::{MS, Program, Rig};
+
+const PROGRAM: Program = Program::Full;
 
 /// ardupilot.indication.SafetyState of node 10.
 const SAFETY_STATE: u32 = 0x104E_200A;
@@ -20,7 +22,7 @@ fn send_safety_state(rig: &mut Rig, state: u8, ms: u64) {
 
 #[test]
 fn while_the_safety_switch_is_on_there_are_no_pulses_and_the_node_is_ok() {
-    let mut rig = Rig::positioned();
+    let mut rig = PROGRAM.positioned();
     send_safety_state(&mut rig, SAFE, 100);
     rig.forget();
     send_safety_state(&mut rig, SAFE, 5000);
@@ -36,7 +38,7 @@ fn while_the_safety_switch_is_on_there_are_no_pulses_and_the_node_is_ok() {
 
 #[test]
 fn with_safe_mode_0_the_servo_holds_its_position() {
-    let mut rig = Rig::positioned();
+    let mut rig = PROGRAM.positioned();
     rig.set("SAFE_MODE", 0);
     send_safety_state(&mut rig, SAFE, 100);
     rig.wait_for_line("safety switch on", 50);
@@ -50,7 +52,7 @@ fn with_safe_mode_0_the_servo_holds_its_position() {
 
 #[test]
 fn when_the_switch_is_off_commands_are_followed_and_the_failsafe_is_active_again() {
-    let mut rig = Rig::positioned();
+    let mut rig = PROGRAM.positioned();
     send_safety_state(&mut rig, SAFE, 3000);
     send_safety_state(&mut rig, ARMED, 1);
     rig.send_command(1, 0, -0.5);
@@ -65,7 +67,7 @@ fn when_the_switch_is_off_commands_are_followed_and_the_failsafe_is_active_again
 /// The autopilot stops sending SafetyState.
 #[test]
 fn when_the_safety_states_stop_the_failsafe_begins() {
-    let mut rig = Rig::positioned();
+    let mut rig = PROGRAM.positioned();
     send_safety_state(&mut rig, SAFE, 2000);
     rig.run_ms(2000);
     assert!(!rig.serial.contains("FAILSAFE"));
@@ -75,7 +77,7 @@ fn when_the_safety_states_stop_the_failsafe_begins() {
 
 #[test]
 fn the_switch_ends_the_failsafe_which_begins_again_after_it() {
-    let mut rig = Rig::positioned();
+    let mut rig = PROGRAM.positioned();
     rig.wait_for_line("FAILSAFE: no commands", 1100);
     send_safety_state(&mut rig, SAFE, 1500);
     assert_eq!(rig.next_status(), (OK, DISARMED));
@@ -85,19 +87,19 @@ fn the_switch_ends_the_failsafe_which_begins_again_after_it() {
 
 #[test]
 fn without_commands_or_safety_states_the_failsafe_is_unchanged() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     send_safety_state(&mut rig, SAFE, 1500);
     assert_eq!(rig.next_status(), (OK, DISARMED));
     send_safety_state(&mut rig, ARMED, 3000);
     assert_eq!((rig.next_status(), &rig.pulses[..]), ((OK, 0), &[][..]));
-    let mut rig = Rig::positioned();
+    let mut rig = PROGRAM.positioned();
     rig.wait_for_line("FAILSAFE: no commands", 1100);
     assert!(!rig.serial.contains("safety"));
 }
 
 #[test]
 fn another_node_s_safety_state_is_rejected() {
-    let mut rig = Rig::positioned();
+    let mut rig = PROGRAM.positioned();
     rig.send(SAFETY_STATE + 1, &[SAFE, 0xC0]);
     rig.wait_for_line("refused: type 20000 from 11, wrong sender", 50);
     rig.send_command(1, 0, 0.0);

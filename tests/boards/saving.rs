@@ -1,12 +1,14 @@
 //! Requests during a save, which takes up to 0.4 s, for firmwares with the feature `save-answers`.
 
 use bench::dronecan::{Message, Opcode, ParameterRequest};
-use rig::Rig;
 use rig::manage::{SAVE_TIMEOUT_MS, integer};
+use rig::{Program, Rig};
+
+const PROGRAM: Program = Program::Full;
 
 /// A node with so many changes that its next save writes every byte.
 fn changed() -> Rig {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for (name, value) in
         [("OUT1_MIN", 1100), ("OUT1_MAX", 1900), ("OUT1_TRIM", 1400), ("TEMP_ID", 0x1234)]
     {

@@ -3,7 +3,9 @@
 use bench::Cycles;
 use bench::can::{ErrorState, Fault, Id};
 use bench::dronecan::{CanStats, Message};
-use rig::{ARRAY_COMMAND, MS, NODE, Rig, US, is_from_node};
+use rig::{ARRAY_COMMAND, MS, NODE, Program, Rig, US, is_from_node};
+
+const PROGRAM: Program = Program::Full;
 
 fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
     rig.node_messages(|message| match message {
@@ -14,7 +16,7 @@ fn stats(rig: &Rig) -> Vec<(Cycles, CanStats)> {
 
 #[test]
 fn can_stats_are_sent_at_stats_rate_and_count_frames() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.set("STATS_RATE", 2);
     rig.forget();
     for _ in 0..300 {
@@ -48,7 +50,7 @@ fn can_stats_are_sent_at_stats_rate_and_count_frames() {
 
 #[test]
 fn can_stats_count_lost_and_dropped_frames() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.overflows_expected = true;
     rig.set("STATS_RATE", 5);
     rig.run_ms(300);
@@ -69,7 +71,7 @@ fn can_stats_count_lost_and_dropped_frames() {
 /// Bus-off lasts 1.4 ms. If every frame is destroyed, the next bus-off comes a millisecond later.
 #[test]
 fn every_bus_off_is_counted_and_logged() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.set("STATS_RATE", 10);
     rig.set("TELEM_RATE", 50);
     let mut bus_offs = 0;
@@ -95,7 +97,7 @@ fn every_bus_off_is_counted_and_logged() {
 
 #[test]
 fn transport_stats_count_transfers_and_frames() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     let stats = |rig: &mut Rig| match rig.ask(&Message::TransportStatsRequest) {
         Message::TransportStats(stats) => stats,
         other => panic!("{other}"),

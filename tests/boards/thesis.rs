@@ -18,7 +18,11 @@ use rig::manage::ms_between;
 use rig::status::{
     BROWN_OUT, DRAFT, FAILSAFE, ID_CONFLICT, PARAMETERS_LOST, TEMPERATURE, WATCHDOG,
 };
-use rig::{DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Rig, SERVO_COMMAND, US, parse_frames};
+use rig::{
+    DRAFT_STATUS_OF_NODE, MS, NODE, NODE_STATUS, Program, Rig, SERVO_COMMAND, US, parse_frames,
+};
+
+const PROGRAM: Program = Program::Thesis;
 
 /// Data types of the draft.
 const ARRAY_COMMAND: u32 = 265;
@@ -77,7 +81,7 @@ fn assert_position(rig: &mut Rig, position: u8, what: &str) {
 
 /// The simulated autopilot of the thesis: a command every 20 ms and a status each second.
 fn following_autopilot() -> Rig {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.replace_autopilot(Settings::of(Profile::Thesis).in_dialect(Dialect::Draft));
     rig.autopilot().hold(0.5);
     rig.run_ms(1000);
@@ -87,7 +91,7 @@ fn following_autopilot() -> Rig {
 
 /// A node whose servo is at the maximum of its travel.
 fn node_at_maximum() -> Rig {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     command(&mut rig, OTHER, 255);
     assert_position(&mut rig, 255, "the first command");
     rig
@@ -166,7 +170,7 @@ fn foreign() -> Vec<Frame> {
 
 #[test]
 fn it_uses_the_draft_from_power_on() {
-    for mut rig in [Rig::powered(), Rig::new_board()] {
+    for mut rig in [PROGRAM.powered(), PROGRAM.new_board()] {
         rig.run_ms(6_500);
         assert!(statuses(&rig).len() >= 5, "{:?}", rig.traffic);
         // No other node sends.
@@ -180,7 +184,7 @@ fn it_uses_the_draft_from_power_on() {
 
 #[test]
 fn the_first_status_comes_at_once_with_mode_initialization() {
-    let mut rig = Rig::powered();
+    let mut rig = PROGRAM.powered();
     rig.run_ms(1_500);
     let codes: Vec<StatusCode> = statuses(&rig).iter().map(|(_, status)| status.code).collect();
     assert_eq!(codes, [StatusCode::Initializing, StatusCode::Ok]);
@@ -192,7 +196,7 @@ fn the_first_status_comes_at_once_with_mode_initialization() {
 
 #[test]
 fn the_serial_monitor_prints_the_banner() {
-    let mut rig = Rig::powered();
+    let mut rig = PROGRAM.powered();
     rig.wait_for_line("CAN: running", 100);
     let banner = format!(
         "DroneCAN servo node {}, node ID {NODE}, reset: power-on",
@@ -236,7 +240,7 @@ fn parameters_of_another_firmware_are_not_used() {
     other.set("CAN_NODE", 42);
     other.save();
     let eeprom = other.board().avr().eeprom();
-    let mut rig = Rig::running_with(&eeprom);
+    let mut rig = PROGRAM.running_with(&eeprom);
     assert!(rig.board().avr().eeprom() == eeprom, "the node must not write to the EEPROM");
     command(&mut rig, OTHER, 255);
     assert_position(&mut rig, 255, "the default travel");
@@ -287,7 +291,7 @@ fn the_filters_are_the_thesis_s_with_any_sender_also_after_a_failsafe() {
 /// all others.
 #[test]
 fn only_the_bits_of_the_mask_decide_what_the_filters_accept() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.board().chip().borrow_mut().take_frame_log();
     let passes = |rig: &mut Rig, frame: Frame| {
         rig.send_frame(frame);
@@ -340,7 +344,7 @@ fn frames_of_v0_and_other_types_of_the_draft_do_not_move_the_servo_and_are_not_a
 /// the value 1. A byte is 0 to 180 degrees.
 #[test]
 fn the_session_printed_in_the_thesis_gives_its_results() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.send(398_722_057, &[1]);
     let degrees = (rig.settled_pulse_us() - 1000.0) * 180.0 / 1000.0;
     assert!((degrees - 180.0 / 255.0).abs() < 0.1, "{degrees}");
@@ -354,7 +358,7 @@ fn the_session_printed_in_the_thesis_gives_its_results() {
 
 #[test]
 fn each_value_of_a_command_has_its_own_pulse_width() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for position in (0..=255).rev() {
         command(&mut rig, AUTOPILOT, position);
         rig.run_ms(2);
@@ -372,7 +376,7 @@ fn each_value_of_a_command_has_its_own_pulse_width() {
 /// The thesis's filters accepted node 1 only.
 #[test]
 fn a_command_of_any_node_is_followed() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for source in (1..=127).filter(|&source| source != NODE) {
         rig.send(message_id(COMMAND, source, source), &[source as u8]);
         rig.run_ms(2);
@@ -447,7 +451,7 @@ fn a_command_in_two_frames_does_not_move_the_servo() {
 #[test]
 fn another_node_with_its_id_is_reported_in_the_status_for_ten_seconds() {
     for (type_id, data) in [(COMMAND, &[0][..]), (STATUS, &TEN_SECONDS)] {
-        let mut rig = Rig::running();
+        let mut rig = PROGRAM.running();
         rig.send(message_id(type_id, NODE, 0), data);
         rig.run_ms(5);
         rig.forget();
@@ -463,7 +467,7 @@ fn another_node_with_its_id_is_reported_in_the_status_for_ten_seconds() {
 /// OUT1_TIMEOUT and OUT1_FS have their defaults and cannot be set: the servo holds after a second.
 #[test]
 fn when_commands_stop_for_a_second_the_servo_holds_and_the_status_reports_it() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     command(&mut rig, AUTOPILOT, 200);
     rig.run_ms(990);
     assert!(!rig.serial.contains("FAILSAFE"), "{}", rig.serial);
@@ -500,7 +504,7 @@ fn statuses_and_invalid_commands_do_not_prevent_the_failsafe() {
 
 #[test]
 fn before_the_first_command_there_is_no_pulse_and_no_failsafe() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.run_ms(3_000);
     assert_eq!(
         (condition(&rig), &rig.pulses[..]),
@@ -575,7 +579,7 @@ fn without_an_autopilot_its_status_comes_each_second() {
 /// The draft of 2014 has 4 bytes, that of March 2015 6, a version in between 8, and the thesis 7.
 #[test]
 fn statuses_of_the_four_known_lengths_are_answered_and_no_others() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     let answered = |rig: &mut Rig, id: u32, data: &[u8]| {
         // The node sends no two statuses within half a second, and one by itself after a second.
         rig.forget();
@@ -603,7 +607,7 @@ fn statuses_of_the_four_known_lengths_are_answered_and_no_others() {
 
 #[test]
 fn its_statuses_are_never_closer_than_half_a_second() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for n in 0..60 {
         rig.send(message_id(STATUS, AUTOPILOT, n), &TEN_SECONDS);
         rig.run_ms(97);
@@ -624,7 +628,7 @@ fn its_status_reports_its_conditions() {
 
 #[test]
 fn the_serial_monitor_logs_each_status_each_command_and_the_temperature() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.board().set_temperature_c(31.0);
     rig.run_ms(1_500);
     rig.forget();
@@ -679,7 +683,7 @@ fn it_sends_whole_degrees_at_every_third_status_of_the_autopilot() {
 /// The node sends its temperature only at statuses of the autopilot.
 #[test]
 fn without_a_status_of_an_autopilot_there_is_no_temperature() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for n in 0..200 {
         rig.send(message_id(COMMAND, AUTOPILOT, n), &[n as u8]);
         rig.run_ms(20);
@@ -699,7 +703,7 @@ fn bounce(rig: &mut Rig, pressed: bool) {
 
 #[test]
 fn each_press_of_the_button_publishes_the_count_once_however_it_bounces() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for count in 1..=5 {
         rig.forget();
         bounce(&mut rig, true);
@@ -721,7 +725,7 @@ fn each_press_of_the_button_publishes_the_count_once_however_it_bounces() {
 
 #[test]
 fn the_count_of_the_button_wraps_from_255_to_0() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for press in 1..=257u16 {
         rig.forget();
         rig.board().press_button(true);
@@ -817,7 +821,7 @@ struct Loaded {
 
 impl Loaded {
     fn run(load: Load, frames: u32) -> Loaded {
-        let mut rig = Rig::running();
+        let mut rig = PROGRAM.running();
         rig.overflows_expected = true;
         for n in 0..frames {
             rig.send_frame(load.frame(n));
@@ -918,7 +922,7 @@ fn on_a_full_bus_every_followed_command_is_in_the_servo_s_register_within_500_us
 /// Another task of the main loop may run before the command's.
 #[test]
 fn on_a_quiet_bus_a_command_is_in_the_servo_s_register_within_150_us_of_its_end() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     let mut cycles: Vec<Cycles> = Vec::new();
     for n in 0..500u32 {
         let pause = rig.now() + MS / 4 + Cycles::from(n * 7919 % 3001) * MS / 1000;

@@ -3,7 +3,9 @@
 
 use bench::F_CPU_HZ;
 use bench::dronecan::{CanId, Transfer, TunnelTargetted};
-use rig::{NODE, Rig};
+use rig::{NODE, Program, Rig};
+
+const PROGRAM: Program = Program::With("tunnel");
 
 /// tunnel.Targetted of node 126, priority 16.
 const TARGETTED: u32 = 0x100B_B97E;
@@ -40,7 +42,7 @@ fn tunnel_text(rig: &Rig) -> String {
 
 #[test]
 fn a_node_that_asks_receives_the_output_of_the_serial_monitor() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     rig.run_ms(500);
     assert_eq!(tunnel_text(&rig), "", "the node must send nothing before a request");
     rig.serial.clear();
@@ -63,7 +65,7 @@ fn a_node_that_asks_receives_the_output_of_the_serial_monitor() {
 
 #[test]
 fn a_question_mark_over_the_tunnel_prints_the_counters() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     ask(&mut rig, NODE as u8, b"?", 0);
     rig.run_ms(500);
     let tunnel_text = tunnel_text(&rig);
@@ -72,7 +74,7 @@ fn a_question_mark_over_the_tunnel_prints_the_counters() {
 
 #[test]
 fn the_tunnel_closes_three_seconds_after_the_last_request() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     for transfer_id in 0..4 {
         ask(&mut rig, NODE as u8, b"", transfer_id);
         rig.run_ms(1000);
@@ -85,7 +87,7 @@ fn the_tunnel_closes_three_seconds_after_the_last_request() {
 
 #[test]
 fn a_message_for_another_node_does_not_open_the_tunnel() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     ask(&mut rig, NODE as u8 + 1, b"?", 0);
     rig.run_ms(1500);
     assert_eq!(tunnel_text(&rig), "");
@@ -93,7 +95,7 @@ fn a_message_for_another_node_does_not_open_the_tunnel() {
 
 #[test]
 fn while_the_tunnel_is_open_commands_are_followed_and_the_bus_is_not_flooded() {
-    let mut rig = Rig::running();
+    let mut rig = PROGRAM.running();
     ask(&mut rig, NODE as u8, b"", 0);
     let start = rig.now();
     for n in 0..200 {

@@ -1,16 +1,13 @@
 //! Firmware updates over the bus: the bootloader of `boot/` on a simulated board, and a file
 //! server.
 
-#[path = "support/update_bench.rs"]
-mod update_bench;
-
 use std::path::Path;
 
+use crate::support::update_bench::*;
 use bench::avr::{Firmware, ResetCause};
+use bench::bootloader;
 use bench::dronecan::{Message, NumberAndText};
-use bench::{bootloader, firmware_for};
-use rig::{ARMING_STATUS, Rig, started_with};
-use update_bench::*;
+use rig::{ARMING_STATUS, Program, Rig, started_with};
 
 /// Errors in the response of BeginFirmwareUpdate.
 const OK: u8 = 0;
@@ -372,8 +369,7 @@ fn an_update_shortens_no_pulse_whatever_its_phase() {
 
 #[test]
 fn an_update_shortens_no_pulse_of_several_outputs_whatever_its_phase() {
-    let elf = firmware_for("uno", "seeed", "full").unwrap_or_else(|error| panic!("{error:#}"));
-    assert_updates_shorten_no_pulse(&elf, 6);
+    assert_updates_shorten_no_pulse(&Program::With("full").elf(), 6);
 }
 
 #[test]

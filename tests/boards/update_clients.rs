@@ -1,9 +1,6 @@
 //! Firmware updates as the clients do them: what each sends, and by which rules it decides.
 
-#[path = "support/update_bench.rs"]
-mod update_bench;
-
-use update_bench::*;
+use crate::support::update_bench::*;
 
 /// Errors in the response of BeginFirmwareUpdate.
 const OK: u8 = 0;

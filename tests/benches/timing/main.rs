@@ -556,10 +556,10 @@ fn main() {
     floor(&mut page, &runs);
     page.push_str(
         "\n### Other firmwares\n\nFrames of 2 bytes for the node. The firmwares of \
-         `tests/third-party/` only receive; ours is the whole node with everything on. Rows\nin italics are published \
-         results of such a measurement, which `make bench` does not repeat. Those of the two \
-         crates have another build than\nours, which is for size (`opt-level = \"z\"`), like the \
-         node's.\n\n",
+         `tests/third-party/` only receive; ours is the whole node with everything on. Rows\n\
+         in italics are published results of such a measurement, which `make bench` does not \
+         repeat. Those of the two crates have another build than\nours, which is for size \
+         (`opt-level = \"z\"`), like the node's.\n\n",
     );
     let full = frame_cycles();
     let firmwares = [

@@ -3,11 +3,6 @@
 //! This file states addresses, layouts and the CRC itself, and imports none of them from the
 //! bootloader.
 
-#![allow(dead_code, reason = "each file of tests uses a part of it")]
-
-#[path = "update_files.rs"]
-mod update_files;
-
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 use std::rc::Rc;
@@ -19,7 +14,7 @@ use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, s
 use bench::wiring::Wiring;
 use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start};
 
-pub use update_files::*;
+pub use super::update_files::*;
 
 /// CPU cycles in a millisecond.
 const MS: u64 = 16_000;

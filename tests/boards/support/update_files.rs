@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use bench::avr::Chip;
 use bench::{firmware, node_elf};
 
-use super::{BUS, board};
+use super::update_bench::{BUS, board};
 
 /// CRC-16-CCITT-FALSE.
 pub fn crc(bytes: &[u8]) -> u16 {

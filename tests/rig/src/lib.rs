@@ -14,6 +14,7 @@ pub mod observed;
 pub mod page;
 pub mod parallel;
 pub mod profile;
+pub mod program;
 pub mod queue;
 pub mod reception;
 pub mod soak;
@@ -34,8 +35,9 @@ use bench::dronecan::{
     ActuatorCommand, CommandUnit, Decoded, Observation, Observer, Transfer, TransferId, draft,
     split, types,
 };
-use bench::wiring::{Wiring, preset};
-use bench::{Bench, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf};
+use bench::wiring::Wiring;
+use bench::{Bench, chosen_board, eeprom_after_first_start, firmware};
+pub use program::{Program, has_all_features};
 
 /// CPU cycles in a millisecond.
 pub const MS: Cycles = 16_000;
@@ -69,48 +71,17 @@ pub fn board() -> Wiring {
     chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
-/// The board's firmware with the preset of its chip.
-pub fn shipped() -> PathBuf {
-    node_elf().unwrap_or_else(|error| panic!("{error:#}"))
-}
-
-/// The ELF for the running test file: the preset of the board's chip, or a firmware with the
-/// feature that the file tests. The name of the running program is the test file's name and a hash.
-pub fn elf() -> PathBuf {
-    let program =
-        std::env::current_exe().unwrap_or_else(|error| panic!("the path of this program: {error}"));
-    let name = program.file_stem().unwrap_or_default().to_string_lossy();
-    let elf = match name.rsplit_once('-').map_or(&*name, |(file, _hash)| file) {
-        "thesis" => firmware("thesis"),
-        // No preset has these features.
-        "relay" => firmware_for("uno", "seeed", "relay"),
-        "rpm" => firmware_for("uno", "seeed", "rpm"),
-        "tunnel" => firmware_for("uno", "seeed", "tunnel"),
-        // The ATmega168 has no room for these features.
-        "allocation" | "battery" | "lights" | "motors" | "outputs" | "power" | "safety"
-        | "saving" | "stats"
-            if !has_all_features() =>
-        {
-            firmware_for("uno", "seeed", "full")
-        }
-        _ => return shipped(),
-    };
-    elf.unwrap_or_else(|error| panic!("{error:#}"))
-}
-
-/// True if the chip's preset has all features.
-pub fn has_all_features() -> bool {
-    preset(board().chip) == "full"
-}
-
 /// True if the firmware under test has the preset "remote", by the name of its ELF.
 pub fn has_preset_remote() -> bool {
-    elf().file_stem().is_some_and(|name| name.to_string_lossy().ends_with("-remote"))
+    Program::Preset
+        .elf()
+        .file_stem()
+        .is_some_and(|name| name.to_string_lossy().ends_with("-remote"))
 }
 
-/// EEPROM of a board that has started before, and so has a unique ID.
+/// EEPROM of a board that has started before with the preset of its chip.
 pub fn started() -> &'static [u8] {
-    started_with(&elf())
+    Program::Preset.started()
 }
 
 /// Like [`started`] for another firmware.
@@ -162,15 +133,32 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// A board that has started before and is powered up now, with the peer on a bus of the highest
-    /// bit rate that the board supports.
+    /// See [`Program::powered`]: with the preset of the board's chip, as the four below.
     pub fn powered() -> Rig {
-        Rig::with_boards(&[started()])
+        Program::Preset.powered()
     }
 
-    /// A board that is powered up for the first time.
+    /// See [`Program::new_board`].
     pub fn new_board() -> Rig {
-        Rig::with_boards(&[&[]])
+        Program::Preset.new_board()
+    }
+
+    /// See [`Program::running`].
+    #[track_caller]
+    pub fn running() -> Rig {
+        Program::Preset.running()
+    }
+
+    /// See [`Program::running_with`].
+    #[track_caller]
+    pub fn running_with(eeprom: &[u8]) -> Rig {
+        Program::Preset.running_with(eeprom)
+    }
+
+    /// See [`Program::positioned`].
+    #[track_caller]
+    pub fn positioned() -> Rig {
+        Program::Preset.positioned()
     }
 
     /// Like [`Rig::powered`] with the firmware of a preset or of a list of features, such as
@@ -184,13 +172,8 @@ impl Rig {
         Rig::with_boards_of(elf, &[started_with(elf)])
     }
 
-    /// Boards with these EEPROMs, powered up now. Each has its own seed, so that clocks and noise
-    /// differ.
-    pub fn with_boards(eeproms: &[&[u8]]) -> Rig {
-        Rig::with_boards_of(&elf(), eeproms)
-    }
-
-    /// Like [`Rig::with_boards`] with this ELF.
+    /// Boards with this ELF and these EEPROMs, powered up now. Each has its own seed, so that clocks
+    /// and noise differ.
     pub fn with_boards_of(elf: &Path, eeproms: &[&[u8]]) -> Rig {
         let load = || Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
         let bit_rate = load().wiring().fastest_bit_rate();
@@ -277,34 +260,11 @@ impl Rig {
         self.autopilot.as_mut().map(|(autopilot, _)| autopilot).expect("an autopilot")
     }
 
-    /// A running board: it has sent its first status, and the record of that is cleared.
-    #[track_caller]
-    pub fn running() -> Rig {
-        Rig::running_with(started())
-    }
-
-    /// Like [`Rig::running`] with this EEPROM.
-    #[track_caller]
-    pub fn running_with(eeprom: &[u8]) -> Rig {
-        let mut rig = Rig::with_boards(&[eeprom]);
-        rig.wait_until_up();
-        rig
-    }
-
     /// Like [`Rig::running`] with this ELF and this EEPROM.
     #[track_caller]
     pub fn running_elf(elf: &Path, eeprom: &[u8]) -> Rig {
         let mut rig = Rig::with_boards_of(elf, &[eeprom]);
         rig.wait_until_up();
-        rig
-    }
-
-    /// A running board that has followed a first command, from node 10: its servo is at 1750 us.
-    #[track_caller]
-    pub fn positioned() -> Rig {
-        let mut rig = Rig::running();
-        rig.send_command(1, 0, 0.5);
-        assert_eq!(rig.settled_pulse_us(), 1750.0);
         rig
     }
 

@@ -211,7 +211,7 @@ pub struct Names {
 impl Names {
     /// The names in the node's ELF.
     pub fn of_node() -> Names {
-        Names::of(&super::elf())
+        Names::of(&super::Program::Preset.elf())
     }
 
     /// The names in this ELF.
