@@ -172,8 +172,8 @@ impl Rig {
         Rig::with_boards_of(elf, &[started_with(elf)])
     }
 
-    /// Boards with this ELF and these EEPROMs, powered up now. Each has its own seed, so that clocks
-    /// and noise differ.
+    /// Boards with this ELF and these EEPROMs, powered up now. Each has its own seed, so that
+    /// clocks and noise differ.
     pub fn with_boards_of(elf: &Path, eeproms: &[&[u8]]) -> Rig {
         let load = || Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
         let bit_rate = load().wiring().fastest_bit_rate();
