@@ -7,6 +7,7 @@
 //! * [`image`]: the tables of constants of all layers, as they lie in flash.
 //! * [`node`]: what every node does: receive, send, parameters, health, services.
 //! * [`parts`]: what a build may leave out: outputs, power, lights and others, a file each.
+//! * [`dialect`]: DroneCAN v0, or the draft of 2014.
 //! * [`monitor`]: the serial monitor.
 //! * [`progmem`]: reads a table of constants from flash.
 //! * [`hardware`]: the board that the program is built for.
@@ -55,6 +56,7 @@
 
 #[cfg(any(test, feature = "desk"))]
 pub mod desk;
+pub mod dialect;
 #[cfg(test)]
 mod golden;
 pub mod handover;

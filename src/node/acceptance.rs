@@ -16,7 +16,7 @@ use mcp2515_ordered::{Acceptance, Pattern};
 use crate::progmem::Progmem;
 
 use super::kind::{Filter, Kind};
-use crate::parts::dialect;
+use crate::dialect;
 
 /// Bytes of a row: registers of six filters and two masks.
 const ROW: usize = 4 * 8;

@@ -8,8 +8,8 @@ use super::parameters::{OutputParameter, Parameter};
 use super::publisher::Publication;
 use super::services::Response;
 use super::{Constants, Node};
+use crate::dialect;
 use crate::monitor::Monitor;
-use crate::parts::dialect;
 
 /// Priority of Allocation requests, as in the specification's example.
 const PRIORITY_LOWER: u8 = 30;

@@ -43,13 +43,14 @@ pub mod wire;
 
 use dronecan_wire::{NodeId, Rejection};
 
+use crate::dialect;
 use crate::monitor::{Event, Line, Monitor, Words};
 use crate::parts::allocation::Allocation;
 use crate::parts::battery::Battery;
 use crate::parts::button::Button;
-use crate::parts::dialect;
 use crate::parts::lights::Lights;
 use crate::parts::log::Log;
+use crate::parts::measurement::Measurement;
 use crate::parts::outputs::travel::Ticks;
 use crate::parts::outputs::{Outputs, Pulses};
 use crate::parts::power::Power;
@@ -117,7 +118,7 @@ pub struct Node {
     battery: Battery,
     button: Button,
     lights: Lights,
-    measurements: dialect::Measurements,
+    measurement: Measurement,
     power: Power,
     shaft: Shaft,
     stats: Stats,
@@ -151,7 +152,7 @@ impl Node {
             battery: Battery::new(),
             button: Button::new(),
             lights: Lights::new(),
-            measurements: dialect::Measurements::new(),
+            measurement: Measurement::new(),
             power: Power::new(),
             shaft: Shaft::new(),
             stats: Stats::new(),
@@ -175,7 +176,13 @@ impl Node {
         self.store.identify(&mut self.unique_id, eeprom, noise);
         self.health.start(cause);
         self.health.set_silently(dialect::CONDITION);
-        let is_lost = dialect::load(&mut self.store, &mut self.parameters, eeprom, flash);
+        let is_lost = if dialect::HAS_REQUESTS {
+            self.store.load(&mut self.parameters, eeprom, flash)
+        } else {
+            // Another build has saved what nobody can set here.
+            self.parameters.set_defaults(flash);
+            store::has_parameters(eeprom)
+        };
         self.health.set(Conditions::PARAMETERS_LOST, is_lost, [Line::ParametersLost; 2], monitor);
         self.outputs.start(&self.parameters);
         self.outputs.update(&self.parameters);
@@ -233,7 +240,7 @@ impl Node {
     pub fn read_button(&mut self, is_pressed: bool, passed_ms: u8, monitor: &mut Monitor) {
         if self.button.tick(is_pressed, passed_ms) {
             monitor.log_line(Line::Button).set_a(self.button.count());
-            self.publisher.publish(dialect::PRESSES);
+            self.publisher.publish(Publication::PRESSES);
         }
         if self.button.counts_tenth(passed_ms) {
             self.publisher.publish(Publication::Button);

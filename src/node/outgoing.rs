@@ -10,7 +10,8 @@ use mcp2515_ordered::Frame;
 use super::parameters::Response;
 use super::publisher::LONGEST;
 use super::{Constants, information};
-use crate::parts::{dialect, stats, update};
+use crate::dialect;
+use crate::parts::{stats, update};
 use dronecan_wire::crc;
 
 /// The source of a payload's bytes.

@@ -7,7 +7,7 @@ use dronecan_wire::types::{self, Message};
 use super::Node;
 use super::health::CanCounters;
 use super::parameters::{Parameter, Parameters};
-use crate::parts::dialect;
+use crate::dialect;
 use due::Due;
 
 mod due;
@@ -219,6 +219,10 @@ publications! {
 impl Publication {
     /// No message.
     pub const NONE: Self = Self(0xFF);
+
+    /// The message with the presses of the button: each dialect has its own.
+    pub const PRESSES: Self =
+        if Self::Presses.0 == Self::NONE.0 { Self::KeyValue } else { Self::Presses };
 
     /// True for a message that a node without an ID sends.
     #[inline(always)]

@@ -7,11 +7,13 @@ use mcp2515_ordered::Frame;
 use super::condition::Conditions;
 use super::health::count;
 use super::kind::Kind;
+use super::publisher::Publication;
 use super::wire::{Receiver, Transfer};
 use super::{Constants, Node};
+use crate::dialect;
 use crate::monitor::{Line, Monitor, Words};
+use crate::parts::arming;
 use crate::parts::tunnel::HEADER_LEN;
-use crate::parts::{arming, dialect};
 
 /// What else an action on a transfer needs.
 pub struct Context<'a, P> {
@@ -197,8 +199,8 @@ impl Node {
         self.note.set_a(uptime_s);
         if self.is_of_autopilot(status) {
             self.publisher.autopilot_status(context.now_ms);
-            if self.measurements.note_status() {
-                self.publisher.publish(dialect::DEGREES_CELSIUS);
+            if self.measurement.note_status() {
+                self.publisher.publish(Publication::DegreesCelsius);
             }
         }
         Line::Status

@@ -23,15 +23,14 @@ pub mod battery;
 #[cfg_attr(not(feature = "button"), path = "absent/button.rs")]
 pub mod button;
 
-#[cfg_attr(feature = "draft", path = "draft.rs")]
-#[cfg_attr(not(feature = "draft"), path = "absent/draft.rs")]
-pub mod dialect;
-
 #[cfg_attr(not(feature = "lights"), path = "absent/lights.rs")]
 pub mod lights;
 
 #[cfg_attr(not(feature = "log"), path = "absent/log.rs")]
 pub mod log;
+
+#[cfg_attr(not(feature = "draft"), path = "absent/measurement.rs")]
+pub mod measurement;
 
 #[cfg_attr(not(feature = "outputs"), path = "absent/motors.rs")]
 pub mod motors;
@@ -59,11 +58,3 @@ pub mod tunnel;
 
 #[cfg_attr(not(feature = "update"), path = "absent/update.rs")]
 pub mod update;
-
-/// The NodeStatus of another node.
-pub struct Heard {
-    /// Uptime in seconds, little-endian.
-    pub uptime: [u8; 4],
-    /// The health: 0 OK, 1 warning, 2 error, 3 critical.
-    pub level: u8,
-}

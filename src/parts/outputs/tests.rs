@@ -1,9 +1,10 @@
 use super::*;
 use crate::desk::Servos;
+use crate::dialect::segment;
 use crate::golden;
 use crate::monitor::Event;
 use crate::node::parameters::{OutputParameter, Parameter};
-use crate::node::wire::{Receiver, Transfer, segment};
+use crate::node::wire::{Receiver, Transfer};
 use dronecan_wire::Verdict;
 
 /// The outputs, their servos, and the parameters.

@@ -1,4 +1,4 @@
-//! DroneCAN v0: the dialect of every build but that of the thesis.
+//! DroneCAN v0: the dialect of every build but that of the preset `thesis`.
 
 use dronecan_wire::types::{self, Message};
 use dronecan_wire::{Id, Rejection, Tail};
@@ -8,31 +8,11 @@ use super::Heard;
 use crate::node::condition::Conditions;
 use crate::node::health::Level;
 use crate::node::kind::{DataTypes, Kind};
-use crate::node::parameters::{Descriptions, Parameters};
-use crate::node::publisher::Publication;
-use crate::node::store::{Eeprom, Store};
-use crate::node::wire::{self, Segment, Transfer};
+use crate::node::wire::{Segment, Transfer};
 use crate::progmem::Progmem;
 
 /// uavcan.protocol.NodeStatus
 pub const NODE_STATUS: Message = types::NODE_STATUS;
-
-/// The message with the presses of the button.
-pub const PRESSES: Publication = Publication::KeyValue;
-
-/// The node does not send the thesis's temperature.
-pub const DEGREES_CELSIUS: Publication = Publication::NONE;
-
-/// Loads the saved parameters. Returns true if some were lost.
-#[inline(always)]
-pub fn load<E: Eeprom, P: Progmem<Descriptions>>(
-    store: &mut Store,
-    parameters: &mut Parameters,
-    eeprom: &E,
-    flash: P,
-) -> bool {
-    store.load(parameters, eeprom, flash)
-}
 
 /// No condition is set.
 pub const CONDITION: Conditions = Conditions::NONE;
@@ -45,22 +25,6 @@ pub const FILTERS: Option<[Pattern; 8]> = None;
 
 /// Priority of periodic messages. ArduPilot's own peripherals use the same.
 const PRIORITY_LOW: u8 = 24;
-
-/// The thesis's measurement, which the node does not send.
-#[derive(Default)]
-pub struct Measurements;
-
-impl Measurements {
-    /// Nothing.
-    pub const fn new() -> Self {
-        Self
-    }
-
-    /// False.
-    pub fn note_status(&mut self) -> bool {
-        false
-    }
-}
 
 /// The identifier of a message.
 #[inline(always)]
@@ -119,5 +83,43 @@ pub fn data_type(kind: Kind, flash: impl Progmem<DataTypes>) -> u16 {
 /// Reads a frame for the node with this ID, or 0 if it has none.
 #[inline(always)]
 pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
-    wire::segment(frame, node)
+    if frame.is_foreign() {
+        return Err(Rejection::Unknown);
+    }
+    Segment::read(Id::from_bytes(frame.id), frame.data(), node)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::golden;
+    use crate::node::wire::Receiver;
+
+    #[test]
+    fn standard_and_remote_frames_are_unknown() {
+        for id in [0x9003_F20A, 0x8000_0000] {
+            let frame = golden::frame(id, &[1, 0, 0, 0x38, 0xC7]);
+            assert_eq!(segment(&frame, 120), Err(Rejection::Unknown), "{id:08X}");
+        }
+    }
+
+    #[test]
+    fn frames_of_the_thesis_are_one_frame_long() {
+        let mut receiver = Receiver::new();
+        for frame in golden::transfer(0x1804_570A, 0, 1, &[0; 14]) {
+            let verdict = receiver.accept(segment(&frame, 120).unwrap(), 1, 0);
+            assert_eq!(verdict, dronecan_wire::Verdict::Rejected(Rejection::Malformed));
+        }
+    }
+
+    /// All anonymous messages look the same to a node without an ID, whatever their type.
+    #[test]
+    fn an_anonymous_message_is_an_allocation_while_the_node_has_no_id() {
+        let frame = golden::frame(0x1E97_4D00, &[1, 0, 1, 2, 3, 4, 5, 0xC0]);
+        assert_eq!(segment(&frame, 120), Err(Rejection::Anonymous));
+        #[cfg(feature = "allocation")]
+        assert_eq!(segment(&frame, 0).unwrap().kind, Kind::Allocation);
+        #[cfg(not(feature = "allocation"))]
+        assert_eq!(segment(&frame, 0), Err(Rejection::Anonymous));
+    }
 }

@@ -17,9 +17,6 @@ use super::Heard;
 use crate::node::condition::Conditions;
 use crate::node::health::Level;
 use crate::node::kind::{DataTypes, Kind};
-use crate::node::parameters::{Descriptions, Parameters};
-use crate::node::publisher::Publication;
-use crate::node::store::{self, Eeprom, Store};
 use crate::node::wire::{Segment, Transfer};
 use crate::progmem::Progmem;
 
@@ -44,32 +41,11 @@ pub const NODE_STATUS: Message = Message { id: 550, seed: 0 };
 /// The thesis's measurement. Its transfers have one frame, and no CRC.
 pub const MEASUREMENT: Message = Message { id: 761, seed: 0 };
 
-/// The message with the presses of the button.
-pub const PRESSES: Publication = Publication::Presses;
-
-/// The message with the temperature.
-pub const DEGREES_CELSIUS: Publication = Publication::DegreesCelsius;
-
-/// Sets the defaults: the thesis's node has no parameters over the bus. Returns true if another
-/// build has saved some.
-pub fn load<E: Eeprom, P: Progmem<Descriptions>>(
-    _: &mut Store,
-    parameters: &mut Parameters,
-    eeprom: &E,
-    flash: P,
-) -> bool {
-    parameters.set_defaults(flash);
-    store::has_parameters(eeprom)
-}
-
 /// The condition that is set while the node speaks this dialect.
 pub const CONDITION: Conditions = Conditions::DRAFT;
 
 /// True if requests pass the filters.
 pub const HAS_REQUESTS: bool = false;
-
-/// The node sends the thesis's temperature once for this number of statuses from the autopilot.
-const STATUSES_PER_DEGREES: u8 = 3;
 
 /// The filters and masks: both types of the thesis's node pass into both buffers. Every source
 /// passes; the thesis's filters passed node 1 only.
@@ -82,30 +58,6 @@ pub const FILTERS: Option<[Pattern; 8]> = {
         (Pattern::filter(COMMAND), Pattern::filter(STATUS), Pattern::mask(MASK));
     Some([command, status, command, status, command, status, mask, mask])
 };
-
-/// When the thesis's measurement is sent.
-#[derive(Default)]
-pub struct Measurements {
-    /// Statuses of the autopilot since the temperature was last due.
-    statuses: u8,
-}
-
-impl Measurements {
-    /// No status yet.
-    pub const fn new() -> Self {
-        Self { statuses: 0 }
-    }
-
-    /// Takes note of a status of the autopilot. Returns true if the temperature is due.
-    pub fn note_status(&mut self) -> bool {
-        self.statuses += 1;
-        if self.statuses < STATUSES_PER_DEGREES {
-            return false;
-        }
-        self.statuses = 0;
-        true
-    }
-}
 
 /// The identifier of a frame of a message, without last-frame bit and transfer ID.
 pub fn message_id(data_type: u16, source: u8) -> [u8; 4] {
@@ -203,5 +155,4 @@ pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
 }
 
 #[cfg(test)]
-#[path = "draft/tests.rs"]
 mod tests;
