@@ -11,6 +11,7 @@
 //! for 61 at most.
 
 use core::arch::global_asm;
+use core::mem::offset_of;
 
 use super::chip::{EXINT, TC2};
 use super::clock::{TICKS, TOP as TIMER0_TOP};
@@ -34,7 +35,6 @@ const FALLING_EDGE: u8 = 2 << (2 * INTERRUPT);
 const OCF0A: u8 = 1 << 1;
 
 /// What the handler keeps.
-#[repr(C)]
 struct Latest {
     /// Pulses so far, modulo 256.
     count: u8,
@@ -58,14 +58,14 @@ global_asm!(
     "    in   r24, 0x3F",
     "    push r24",
     "    in   r24, 0x26",
-    "    sts  {latest}+1, r24",
+    "    sts  {latest}+{tcnt0}, r24",
     "    in   r24, 0x15",
-    "    sts  {latest}+2, r24",
+    "    sts  {latest}+{tifr0}, r24",
     "    lds  r24, {ticks}",
-    "    sts  {latest}+3, r24",
-    "    lds  r24, {latest}",
+    "    sts  {latest}+{ms}, r24",
+    "    lds  r24, {latest}+{count}",
     "    inc  r24",
-    "    sts  {latest}, r24",
+    "    sts  {latest}+{count}, r24",
     "    cbi  0x1D, {bit}",
     "    pop  r24",
     "    out  0x3F, r24",
@@ -85,6 +85,10 @@ global_asm!(
     mask = const INT1_BIT,
     bit = const INTERRUPT,
     latest = sym LATEST,
+    count = const offset_of!(Latest, count),
+    tcnt0 = const offset_of!(Latest, tcnt0),
+    tifr0 = const offset_of!(Latest, tifr0),
+    ms = const offset_of!(Latest, ms),
     ticks = sym TICKS,
 );
 

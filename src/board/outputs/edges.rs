@@ -2,6 +2,7 @@
 //! whole.
 
 use core::arch::global_asm;
+use core::mem::offset_of;
 
 use super::super::chip::{PORTB, PORTC, PORTD, TC0, TC1};
 use super::super::clock::TOP as TIMER0_TOP;
@@ -56,7 +57,6 @@ pub(super) struct Moment {
 }
 
 /// The next edge, as the handler needs it.
-#[repr(C)]
 pub(super) struct Edge {
     pub(super) at: Ticks,
     /// Address of the port, which is below 256, the bits to set in it, and the bits to keep.
@@ -155,8 +155,8 @@ global_asm!(
     "    lds  r24, 0x84",
     "    lds  r25, 0x85",
     // Ticks ahead: r25 and r24.
-    "    lds  r30, {edge}",
-    "    lds  r31, {edge}+1",
+    "    lds  r30, {edge}+{at}",
+    "    lds  r31, {edge}+{at}+1",
     "    sub  r30, r24",
     "    sbc  r31, r25",
     "    movw r24, r30",
@@ -167,16 +167,16 @@ global_asm!(
     "    cpi  r24, {due}",
     "    cpc  r25, r23",
     "    brsh 5f",
-    "2:  lds  r30, {edge}+2",
+    "2:  lds  r30, {edge}+{port}",
     "    ldi  r31, 0",
     "    ld   r23, Z",
-    "    lds  r24, {edge}+3",
+    "    lds  r24, {edge}+{set}",
     "    or   r23, r24",
-    "    lds  r24, {edge}+4",
+    "    lds  r24, {edge}+{keep}",
     "    and  r23, r24",
     "    cpi  r25, {late}",
     "    brsh 4f",
-    "    lds  r24, {edge}",
+    "    lds  r24, {edge}+{at}",
     "3:  lds  r25, 0x84",
     "    cpse r25, r24",
     "    rjmp 3b",
@@ -213,6 +213,10 @@ global_asm!(
     "    pop  r24",
     "    reti",
     edge = sym EDGE,
+    at = const offset_of!(Edge, at),
+    port = const offset_of!(Edge, port),
+    set = const offset_of!(Edge, set),
+    keep = const offset_of!(Edge, keep),
     go_on = sym go_on,
     due = const DUE,
     late = const LATE >> 8,
