@@ -6,8 +6,11 @@ use bench::autopilot::{Autopilot, Profile, Settings};
 use bench::can::{Frame, Id, SoftNode};
 use bench::dronecan::{CanId, NodeId, NodeInfo, NodeStatus, TransferId, frames, message, types};
 use bench::{Bench, Cycles, F_CPU_HZ};
+use flate2::read::GzDecoder;
 use std::cell::RefCell;
 use std::collections::{BTreeMap, BTreeSet};
+use std::fs::File;
+use std::io::{BufRead, BufReader};
 use std::rc::Rc;
 
 const MS: Cycles = F_CPU_HZ / 1000;
@@ -36,10 +39,10 @@ fn count(counts: &mut Counts, frame: &Frame) {
 
 /// The frames of a recording from `from_s` to `to_s` seconds.
 fn recorded(name: &str, from_s: f64, to_s: f64) -> Counts {
-    let path = format!("{}/../../tests/data/ardupilot/{name}.log", env!("CARGO_MANIFEST_DIR"));
-    let text = std::fs::read_to_string(path).unwrap();
+    let path = format!("{}/../../tests/data/ardupilot/{name}.log.gz", env!("CARGO_MANIFEST_DIR"));
+    let lines = BufReader::new(GzDecoder::new(File::open(path).unwrap())).lines();
     let mut counts = Counts::new();
-    for line in text.lines() {
+    for line in lines.map(Result::unwrap) {
         let (time, frame) = line.strip_prefix('(').unwrap().split_once(") can0 ").unwrap();
         let time: f64 = time.parse().unwrap();
         if (from_s..to_s).contains(&time) {
