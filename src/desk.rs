@@ -11,17 +11,17 @@ use std::vec::Vec;
 
 use mcp2515_ordered::{Attempts, Configuration, Counters, Frame, Notice, State};
 
+use crate::eeprom::{Address, EEPROM_LEN, Eeprom};
 use crate::handover::REQUEST_LEN;
 use crate::hardware::{Input, OUTPUTS, ShaftPulses};
 use crate::image::InMemory;
 use crate::node::acceptance::NodeAcceptance;
 use crate::node::agenda::Turn;
-use crate::node::condition::ResetCause;
-use crate::node::parameters::Parameters;
-use crate::node::store::{Address, EEPROM_LEN, Eeprom};
 use crate::parts::outputs::Pulses;
 use crate::parts::outputs::travel::Ticks;
 use crate::program::{Board, Program};
+use crate::tables::condition::ResetCause;
+use crate::tables::parameters::Parameters;
 
 /// Bytes that the UART sends in a millisecond at 115200 baud.
 const BYTES_PER_MS: u32 = 11;

@@ -12,8 +12,8 @@ pub use dronecan_wire::golden::*;
 use mcp2515_ordered::Frame;
 
 use crate::image::InMemory;
-use crate::node::condition::Conditions;
-use crate::node::parameters::{Parameter, Parameters};
+use crate::tables::condition::Conditions;
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// A frame with this identifier and data.
 pub fn frame(id: u32, data: &[u8]) -> Frame {

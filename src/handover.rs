@@ -66,11 +66,3 @@ pub const REQUEST_LEN: usize = PATH_LEN + 4;
 pub const RESTARTS: u16 = 28;
 
 const _: () = assert!(REQUEST + (REQUEST_LEN as u16) <= RESTARTS && RESTARTS < SHARED_RAM);
-
-/// The header of this program, with the mark that it is unchecked.
-pub const UNCHECKED_HEADER: [u8; HEADER_LEN] = {
-    use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR};
-    use crate::node::information::PACKED;
-    let [low, high] = UNCHECKED.to_le_bytes();
-    [HARDWARE_MAJOR, HARDWARE_MINOR, PACKED[0], PACKED[1], low, high]
-};

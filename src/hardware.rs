@@ -1,5 +1,7 @@
 //! The board that this program is built for: what `build.rs` found in avr-specs/boards.toml.
 
+use mcp2515_ordered::Counters;
+
 /// Name of the node in GetNodeInfo, at most 80 characters of a-z, 0-9, `.`, `-` and `_`.
 pub const NODE_NAME: &str = env!("NODE_NAME");
 
@@ -127,6 +129,18 @@ impl ShaftPulses {
 
     /// No pulses.
     pub const NONE: Self = Self { count: 0, ms: 0, ticks: 0 };
+}
+
+/// Access to the counters of the CAN controller's driver.
+pub trait CanCounters {
+    /// Word `n` of the 16-bit words of [`Counters`].
+    fn word(&self, n: u8) -> u16;
+}
+
+impl CanCounters for Counters {
+    fn word(&self, n: u8) -> u16 {
+        Counters::word(self, n)
+    }
 }
 
 /// A pin of the chip.

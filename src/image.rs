@@ -5,10 +5,10 @@ use crate::hardware::{OutputPins, PACKED_OUTPUT_PINS};
 use crate::monitor::text::Texts;
 use crate::monitor::{TEXTS, TextsAndNames};
 use crate::node::acceptance::{self, Filters};
-use crate::node::information::{self, Information};
-use crate::node::kind::{self, DataTypes};
-use crate::node::parameters::{self, Descriptions};
 use crate::progmem::Progmem;
+use crate::tables::information::{self, Information};
+use crate::tables::kind::{self, DataTypes};
+use crate::tables::parameters::{self, Descriptions};
 
 /// A table of the image.
 pub trait Table {

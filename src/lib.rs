@@ -9,8 +9,12 @@
 //! * [`parts`]: what a build may leave out: outputs, power, lights and others, a file each.
 //! * [`dialect`]: DroneCAN v0, or the draft of 2014.
 //! * [`monitor`]: the serial monitor.
-//! * [`progmem`]: reads a table of constants from flash.
+//! * [`tables`]: what is received and published, the parameters, the conditions: a row for each.
+//! * [`handover`]: what the program and the bootloader tell each other.
+//! * [`eeprom`]: what the program needs of the EEPROM.
 //! * [`hardware`]: the board that the program is built for.
+//! * [`progmem`]: reads a table of constants from flash.
+//! * [`math`]: integer arithmetic.
 //! * [`dronecan_wire`]: the wire format, a separate crate.
 //! * [`mcp2515_ordered`]: frames, and the driver of the MCP2515 over any `embedded-hal` SPI, a
 //!   separate crate.
@@ -41,10 +45,10 @@
 //! | lose | count something that was dropped: a frame, a transfer, or a line of the serial monitor |
 //! | conclude | count and log a complete transfer |
 //! | follow | let a command set the servo pulse |
-//! | set, happened | set a condition for as long as its cause lasts; set it until [`HOLD_S`](node::condition::HOLD_S) seconds after the last event |
+//! | set, happened | set a condition for as long as its cause lasts; set it until [`HOLD_S`](tables::condition::HOLD_S) seconds after the last event |
 //! | lane | the receiver's place for one transfer of several frames |
 //! | segment, verdict | a frame as a part of a transfer; the result of receiving it |
-//! | kind | a data type that the node receives ([`Kind`](node::kind::Kind)) |
+//! | kind | a data type that the node receives ([`Kind`](tables::kind::Kind)) |
 //! | row | one entry of a table: a received type, a message to send, or a set of filters ([`Row`](node::acceptance::Row)) |
 //! | line, event | a text of the serial monitor; a line with the values for its fields |
 
@@ -57,6 +61,7 @@
 #[cfg(any(test, feature = "desk"))]
 pub mod desk;
 pub mod dialect;
+pub mod eeprom;
 #[cfg(test)]
 mod golden;
 pub mod handover;
@@ -68,3 +73,4 @@ pub mod node;
 pub mod parts;
 pub mod progmem;
 pub mod program;
+pub mod tables;

@@ -6,19 +6,20 @@
 
 use mcp2515_ordered::{Attempts, Configuration, Frame, Notice, State};
 
+use crate::eeprom::Eeprom;
 use crate::handover::REQUEST_LEN;
+use crate::hardware::CanCounters;
 use crate::hardware::{Input, ShaftPulses};
 use crate::monitor::{self, Monitor, TextsAndNames};
+use crate::node::Node;
 use crate::node::acceptance::{Filters, NodeAcceptance};
 use crate::node::agenda::{Agenda, Facts, Turn};
-use crate::node::condition::ResetCause;
-use crate::node::health::CanCounters;
-use crate::node::parameters::{Descriptions, Parameter, Parameters};
-use crate::node::store::Eeprom;
-use crate::node::wire::Receiver;
-use crate::node::{Constants, Node, bit_rate};
 use crate::parts::outputs::Pulses;
 use crate::progmem::Progmem;
+use crate::tables::condition::ResetCause;
+use crate::tables::parameters::{Descriptions, Parameter, Parameters};
+use crate::tables::wire::Receiver;
+use crate::tables::{Constants, bit_rate};
 
 /// The flash with all tables of the program.
 pub trait Flash: Constants + Progmem<Descriptions> + Progmem<Filters> + TextsAndNames {}

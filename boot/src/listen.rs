@@ -7,7 +7,7 @@
 //! rate, too, traffic would have caused errors.
 
 use firmware::hardware::CAN_CRYSTAL_HZ;
-use firmware::node::bit_rate::HIGHEST_RATE;
+use firmware::tables::bit_rate::HIGHEST_RATE;
 use mcp2515_ordered::BitTiming;
 
 use crate::can::{LISTEN_ONLY, MODE, NORMAL};

@@ -8,7 +8,7 @@ use firmware::handover::{
     BUS, BUS_LEN, CRC_START, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION, SOFTWARE_VERSION_LEN,
 };
 use firmware::hardware::{CAN_CRYSTAL_HZ, HARDWARE_MAJOR, HARDWARE_MINOR};
-use firmware::node::bit_rate::HIGHEST_RATE;
+use firmware::tables::bit_rate::HIGHEST_RATE;
 use mcp2515_ordered::BitTiming;
 
 use crate::registers::{Register, idle};

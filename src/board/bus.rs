@@ -27,9 +27,9 @@ use super::chip::{EXINT, SPI};
 use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
+use firmware::hardware::CanCounters;
 use firmware::hardware::{CAN_INTERRUPT, OUTPUTS};
 use firmware::node::acceptance::NodeAcceptance;
-use firmware::node::health::CanCounters;
 use mcp2515_ordered::{Frame, Mcp2515};
 
 /// The CAN controller with its driver.

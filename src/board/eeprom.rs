@@ -9,7 +9,7 @@
 use core::arch::asm;
 
 use super::chip::EEPROM;
-use firmware::node::store::Address;
+use firmware::eeprom::Address;
 
 /// The bytes of the EEPROM that the program uses.
 pub struct Eeprom {
@@ -28,7 +28,7 @@ impl Eeprom {
     }
 }
 
-impl firmware::node::store::Eeprom for Eeprom {
+impl firmware::eeprom::Eeprom for Eeprom {
     #[inline(never)]
     fn read(&self, at: Address) -> u8 {
         self.eeprom.eear().write(|w| w.set(at as u16));

@@ -18,7 +18,7 @@ use core::panic::PanicInfo;
 
 use super::chip::CPU;
 
-use firmware::node::condition::ResetCause;
+use firmware::tables::condition::ResetCause;
 
 // Runs before everything else. Saves MCUSR in GPIOR1 and clears it. Stops the watchdog, which may
 // still run; the second write to WDTCSR must follow within four cycles. Paints the RAM that the

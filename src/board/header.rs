@@ -1,8 +1,9 @@
 //! What the bootloader and file servers read of the program: its header and the begin of its
 //! tables, at fixed addresses (see [`firmware::handover`]).
 
-use firmware::handover::{HEADER, HEADER_LEN, SOFTWARE_VERSION, UNCHECKED_HEADER};
+use firmware::handover::{HEADER, HEADER_LEN, SOFTWARE_VERSION};
 use firmware::image::IMAGE;
+use firmware::tables::information::UNCHECKED_HEADER;
 
 /// Bytes between the header and the tables, so that the application descriptor is at a multiple of
 /// 8.

@@ -64,9 +64,9 @@ use chip::CPU;
 use firmware::handover::REQUEST_LEN;
 use firmware::hardware::{Input, OUTPUTS, ShaftPulses};
 use firmware::node::acceptance::NodeAcceptance;
-use firmware::node::condition::ResetCause;
-use firmware::node::parameters::Parameters;
 use firmware::program::Board;
+use firmware::tables::condition::ResetCause;
+use firmware::tables::parameters::Parameters;
 use mcp2515_ordered::{Attempts, Configuration, Frame, Notice, State};
 
 use adc::Adc;

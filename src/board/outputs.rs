@@ -41,9 +41,9 @@ use edges::{
     enable_interrupt, modulo, pin, plus, register, tc0, tc1, widths,
 };
 use firmware::hardware::OUTPUTS;
-use firmware::node::parameters::{Parameter, Parameters};
 use firmware::parts::outputs::Pulses;
 use firmware::parts::outputs::travel::Ticks;
+use firmware::tables::parameters::{Parameter, Parameters};
 
 pub use edges::finish;
 

@@ -3,9 +3,9 @@
 use super::chip::TC1;
 use super::pins::ServoSignal;
 use super::timer1;
-use firmware::node::parameters::{Parameter, Parameters};
 use firmware::parts::outputs::Pulses;
 use firmware::parts::outputs::travel::Ticks;
+use firmware::tables::parameters::{Parameter, Parameters};
 
 /// The servo output. It makes no pulse before the first [`set`](Pulses::set).
 pub struct Outputs {

@@ -9,16 +9,15 @@
 //! command 760 and NodeStatus 550, and sends its NodeStatus and the measurement 761
 //! (docs/dialects.md). (Source: libuavcan at the end of 2014, `uc_frame.cpp` and `transfer.hpp`.)
 
-use dronecan_wire::types::Message;
 use dronecan_wire::{Rejection, Tail};
 use mcp2515_ordered::{Frame, Pattern};
 
 use super::Heard;
-use crate::node::condition::Conditions;
-use crate::node::health::Level;
-use crate::node::kind::{DataTypes, Kind};
-use crate::node::wire::{Segment, Transfer};
 use crate::progmem::Progmem;
+use crate::tables::condition::{Conditions, Level};
+use crate::tables::kind::{DataTypes, Kind};
+use crate::tables::types::DRAFT_NODE_STATUS;
+use crate::tables::wire::{Segment, Transfer};
 
 /// In the last byte of an identifier: the last frame of a transfer.
 const LAST_FRAME: u8 = 1 << 3;
@@ -36,11 +35,6 @@ const fn upper(data_type: u16) -> u16 {
 /// The thesis's command.
 const SERVO_COMMAND: u16 = 760;
 
-/// NodeStatus.
-pub const NODE_STATUS: Message = Message { id: 550, seed: 0 };
-/// The thesis's measurement. Its transfers have one frame, and no CRC.
-pub const MEASUREMENT: Message = Message { id: 761, seed: 0 };
-
 /// The condition that is set while the node speaks this dialect.
 pub const CONDITION: Conditions = Conditions::DRAFT;
 
@@ -51,7 +45,7 @@ pub const HAS_REQUESTS: bool = false;
 /// passes; the thesis's filters passed node 1 only.
 pub const FILTERS: Option<[Pattern; 8]> = {
     const COMMAND: [u8; 4] = ((upper(SERVO_COMMAND) as u32) << 16 | 0x408).to_be_bytes();
-    const STATUS: [u8; 4] = ((upper(NODE_STATUS.id) as u32) << 16 | 0x408).to_be_bytes();
+    const STATUS: [u8; 4] = ((upper(DRAFT_NODE_STATUS.id) as u32) << 16 | 0x408).to_be_bytes();
     // Compares the data type, the kind of transfer, and the last-frame bit.
     const MASK: [u8; 4] = 0x1FFE_0008u32.to_be_bytes();
     let (command, status, mask) =
@@ -125,7 +119,7 @@ pub fn origin(frame: &Frame) -> (u16, u8) {
 
 /// Data type ID of a message of this kind: this dialect has numbers of its own.
 pub fn data_type(kind: Kind, _flash: impl Progmem<DataTypes>) -> u16 {
-    if kind == Kind::ServoCommand { SERVO_COMMAND } else { NODE_STATUS.id }
+    if kind == Kind::ServoCommand { SERVO_COMMAND } else { DRAFT_NODE_STATUS.id }
 }
 
 /// Reads a frame for the node with this ID.
@@ -135,7 +129,7 @@ pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
     }
     let kind = match upper_half(frame) & !1 {
         kind if kind == const { upper(SERVO_COMMAND) } => Kind::ServoCommand,
-        kind if kind == const { upper(NODE_STATUS.id) } => Kind::NodeStatus,
+        kind if kind == const { upper(DRAFT_NODE_STATUS.id) } => Kind::NodeStatus,
         _ => return Err(Rejection::Unknown),
     };
     let (_, source) = origin(frame);

@@ -1,5 +1,5 @@
-//! The dialect that the node speaks: how an identifier is composed and a frame is read, which types
-//! the node's own status and the thesis's messages have, and what a status contains.
+//! The dialect that the node speaks: how an identifier is composed and a frame is read, and what a
+//! status contains.
 //!
 //! A build has one dialect, and both have the same names here: [DroneCAN v0](v0), or the
 //! [draft of 2014](draft) in the preset `thesis`. docs/dialects.md compares them.

@@ -1,18 +1,13 @@
 //! DroneCAN v0: the dialect of every build but that of the preset `thesis`.
 
-use dronecan_wire::types::{self, Message};
 use dronecan_wire::{Id, Rejection, Tail};
 use mcp2515_ordered::{Frame, Pattern};
 
 use super::Heard;
-use crate::node::condition::Conditions;
-use crate::node::health::Level;
-use crate::node::kind::{DataTypes, Kind};
-use crate::node::wire::{Segment, Transfer};
 use crate::progmem::Progmem;
-
-/// uavcan.protocol.NodeStatus
-pub const NODE_STATUS: Message = types::NODE_STATUS;
+use crate::tables::condition::{Conditions, Level};
+use crate::tables::kind::{DataTypes, Kind};
+use crate::tables::wire::{Segment, Transfer};
 
 /// No condition is set.
 pub const CONDITION: Conditions = Conditions::NONE;
@@ -93,7 +88,7 @@ pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
 mod tests {
     use super::*;
     use crate::golden;
-    use crate::node::wire::Receiver;
+    use crate::tables::wire::Receiver;
 
     #[test]
     fn standard_and_remote_frames_are_unknown() {

@@ -14,8 +14,8 @@ use heapless::Vec;
 use super::packing::{self, Code, Field};
 use super::text::{Line, Texts};
 use super::{Event, TextsAndNames};
-use crate::node::parameters::{self, PREFIX_LEN, prefix_byte};
 use crate::progmem::Progmem;
+use crate::tables::parameters::{self, PREFIX_LEN, prefix_byte};
 
 /// Events in the ring: the one that is being sent, and seven that wait. At 115200 baud a line takes
 /// about 5 ms, so this bridges 40 ms. A power of two.
@@ -293,9 +293,9 @@ mod tests {
     use crate::image::InMemory;
     use crate::monitor::Words;
     use crate::monitor::text::LINES;
-    use crate::node::parameters::OutputParameter;
+    use crate::tables::parameters::OutputParameter;
     #[cfg(feature = "standard")]
-    use crate::node::parameters::Parameter;
+    use crate::tables::parameters::Parameter;
     use std::string::String;
 
     /// The next character, or 0 if twelve steps make none.

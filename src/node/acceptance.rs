@@ -1,5 +1,5 @@
 //! The filters and masks of the CAN controller, derived from the table of received types
-//! ([`kind`](super::kind)).
+//! ([`kind`](crate::tables::kind)).
 //!
 //! Every priority and every source passes. Transfers of several frames come in bursts: ArrayCommand
 //! and the requests to this node. They get RXB0, from which a frame rolls over to RXB1 when RXB0 is
@@ -15,8 +15,8 @@ use mcp2515_ordered::{Acceptance, Pattern};
 
 use crate::progmem::Progmem;
 
-use super::kind::{Filter, Kind};
 use crate::dialect;
+use crate::tables::kind::{Filter, Kind};
 
 /// Bytes of a row: registers of six filters and two masks.
 const ROW: usize = 4 * 8;

@@ -4,11 +4,11 @@ use dronecan_wire::NodeId;
 use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Notice};
 
 use super::acceptance::{Filters, NodeAcceptance, Row};
-use super::condition::Conditions;
 use super::health::count;
 use super::{FILTERS_WAIT_S, Node};
 use crate::monitor::{Line, Monitor};
 use crate::progmem::Progmem;
+use crate::tables::condition::Conditions;
 
 impl Node {
     /// The filters and masks for the CAN controller.

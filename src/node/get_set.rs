@@ -2,13 +2,10 @@
 
 use dronecan_wire::Received;
 
-use super::Constants;
-use super::kind::Kind;
-use super::parameters::{self, Parameters};
-use super::wire::Transfer;
-
-/// The tag of a GetSet's value that is a text.
-pub const TEXT: u8 = 4;
+use crate::tables::Constants;
+use crate::tables::kind::Kind;
+use crate::tables::parameters::{self, Parameters};
+use crate::tables::wire::Transfer;
 
 /// A decoded GetSet request.
 pub struct GetSet {

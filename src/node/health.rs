@@ -1,11 +1,9 @@
 //! The node's health: its conditions, its counters, and the level that WARN_MASK, ERROR_MASK and
 //! CRIT_MASK give the conditions.
 
-use mcp2515_ordered::Counters;
-
-use super::condition::{Conditions, HOLD_S, RESET_HOLD_S, ResetCause};
-use super::parameters::{Parameter, Parameters};
 use crate::monitor::{Line, Monitor};
+use crate::tables::condition::{Conditions, HOLD_S, Level, RESET_HOLD_S, ResetCause};
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// Events since the start. All counters are modulo 65,536.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -20,36 +18,10 @@ pub struct Counts {
     pub given_up: u16,
 }
 
-/// Access to the counters of the CAN controller's driver.
-pub trait CanCounters {
-    /// Word `n` of the 16-bit words of [`Counters`].
-    fn word(&self, n: u8) -> u16;
-}
-
-impl CanCounters for Counters {
-    fn word(&self, n: u8) -> u16 {
-        Counters::word(self, n)
-    }
-}
-
 /// Increments a counter, modulo 65,536.
 #[inline(never)]
 pub fn count(counter: &mut u16) {
     *counter = counter.wrapping_add(1);
-}
-
-/// The health field of NodeStatus (DSDL 341.NodeStatus.uavcan).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
-pub enum Level {
-    /// The node works without a fault.
-    Ok = 0,
-    /// The node works, with a minor fault.
-    Warning = 1,
-    /// A function of the node has failed.
-    Error = 2,
-    /// The node does not work.
-    Critical = 3,
 }
 
 /// The node's conditions and counters.

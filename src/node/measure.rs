@@ -3,9 +3,9 @@
 
 use super::Node;
 use super::chores::Chore;
-use super::parameters::Parameter;
 use crate::hardware::{Input, ShaftPulses};
 use crate::monitor::Monitor;
+use crate::tables::parameters::Parameter;
 
 impl Node {
     /// The input of the ADC for the next reading.

@@ -3,30 +3,21 @@
 use dronecan_wire::{Id, float16};
 use mcp2515_ordered::Frame;
 
-use super::health::CanCounters;
-use super::parameters::{OutputParameter, Parameter};
-use super::publisher::Publication;
+use super::Node;
+use super::outgoing::Sending;
 use super::services::Response;
-use super::{Constants, Node};
 use crate::dialect;
+use crate::hardware::CanCounters;
 use crate::monitor::Monitor;
+use crate::tables::Constants;
+use crate::tables::parameters::{OutputParameter, Parameter};
+use crate::tables::publication::Publication;
 
 /// Priority of Allocation requests, as in the specification's example.
 const PRIORITY_LOWER: u8 = 30;
 
 /// NodeStatus mode: the node has measured no temperature yet.
 const MODE_INITIALIZATION: u8 = 1;
-
-/// The transfer that the outgoing frames belong to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Sending {
-    /// The node's status.
-    Status,
-    /// Another message.
-    Message,
-    /// The response to the oldest request.
-    Response,
-}
 
 impl Node {
     /// True if [`prepare`](Self::prepare) may have something to do.
@@ -93,9 +84,8 @@ impl Node {
     /// Begins the first message that is due and can be sent. Returns false if there is none.
     #[inline(always)]
     fn begin_message(&mut self, counters: &impl CanCounters, now_ms: u16) -> bool {
-        let has_temperature = self.temperature.has_sensor();
         let Some((publication, transfer_id)) =
-            self.publisher.next(now_ms, self.id != 0, has_temperature)
+            self.publisher.next(now_ms, self.id != 0, self.temperature.has_sensor())
         else {
             return false;
         };
@@ -246,7 +236,9 @@ impl Node {
     #[inline(never)]
     pub(super) fn put_battery_info(&mut self, _: &impl CanCounters, _now_ms: u16) -> bool {
         let Self { battery, power, temperature, parameters, outgoing, .. } = self;
-        battery.put(power, temperature, parameters, |word| outgoing.put16(word));
+        let (kelvin_64ths, flags) = (temperature.kelvin_64ths(), temperature.flags());
+        let heat = temperature.has_sensor().then_some((kelvin_64ths, flags));
+        battery.put(power, heat, parameters, |word| outgoing.put16(word));
         outgoing.put8(parameters.get(Parameter::BattId) as u8);
         // No number of the model, and no name.
         outgoing.put16(0);

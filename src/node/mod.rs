@@ -8,11 +8,12 @@
 //!
 //! | module | task |
 //! | --- | --- |
+//! | [`acceptance`] | derives the filters from the table of received types |
 //! | [`agenda`] | chooses what to do next |
 //! | [`autopilot`] | finds the autopilot among the nodes |
-//! | [`kind`] | the received data types; [`acceptance`] derives the filters from them, [`wire`] configures how transfers are reassembled |
-//! | [`health`] | conditions and counters; [`condition`] their bits |
-//! | [`parameters`] | the parameters; [`store`] keeps them in EEPROM |
+//! | `dispatch` | calls the method that a row of a table names |
+//! | [`health`] | conditions and counters |
+//! | [`store`] | keeps the parameters in EEPROM |
 //! | [`publisher`] | when to send messages; `messages` fills in their payload; [`outgoing`] splits it into frames |
 //! | [`services`] | requests and responses |
 //! | [`temperature`] | the temperature; [`thermometer`] computes it from ADC readings |
@@ -20,18 +21,14 @@
 pub mod acceptance;
 pub mod agenda;
 pub mod autopilot;
-pub mod bit_rate;
 mod chores;
-pub mod condition;
 mod controller;
+mod dispatch;
 mod get_set;
 pub mod health;
-pub mod information;
-pub mod kind;
 mod measure;
 mod messages;
 pub mod outgoing;
-pub mod parameters;
 pub mod publisher;
 mod receive;
 mod restart;
@@ -39,11 +36,11 @@ pub mod services;
 pub mod store;
 pub mod temperature;
 pub mod thermometer;
-pub mod wire;
 
 use dronecan_wire::{NodeId, Rejection};
 
 use crate::dialect;
+use crate::eeprom::Eeprom;
 use crate::monitor::{Event, Line, Monitor, Words};
 use crate::parts::allocation::Allocation;
 use crate::parts::battery::Battery;
@@ -59,31 +56,19 @@ use crate::parts::stats::Stats;
 use crate::parts::tunnel::Tunnel;
 use crate::parts::update::Update;
 use crate::progmem::Progmem;
+use crate::tables::Constants;
+use crate::tables::condition::{Conditions, ResetCause};
+use crate::tables::parameters::{Descriptions, Parameter, Parameters};
+use crate::tables::publication::Publication;
+use crate::tables::wire::Receiver;
 use autopilot::Autopilot;
 use chores::{Chore, Chores};
-use condition::{Conditions, ResetCause};
 use health::{Health, count};
-use information::Information;
 use outgoing::Outgoing;
-use parameters::{Descriptions, Parameter, Parameters};
-use publisher::{Publication, Publisher};
+use publisher::Publisher;
 use services::Services;
-use store::{Eeprom, Store};
+use store::Store;
 use temperature::Temperature;
-use wire::Receiver;
-
-/// The flash with all tables of the node.
-pub trait Constants:
-    Progmem<Descriptions> + Progmem<Information> + Progmem<kind::DataTypes>
-{
-    /// The byte at index `at` of [`information::PACKED`].
-    #[inline(never)]
-    fn information(self, at: u8) -> u8 {
-        Progmem::<Information>::byte(self, u16::from(at))
-    }
-}
-
-impl<P: Progmem<Descriptions> + Progmem<Information> + Progmem<kind::DataTypes>> Constants for P {}
 
 /// The longest time that new filters wait for the end of an outgoing transfer, in seconds. Longer
 /// than a transfer may take.
@@ -108,7 +93,7 @@ pub struct Node {
     services: Services,
     outgoing: Outgoing,
     /// What the outgoing frames belong to.
-    sending: messages::Sending,
+    sending: outgoing::Sending,
     /// The log line about the current transfer.
     note: Event,
     /// Seconds until new filters are set even during a transfer. 0 if no new filters are pending.
@@ -144,7 +129,7 @@ impl Node {
             publisher: Publisher::new(),
             services: Services::new(),
             outgoing: Outgoing::new(),
-            sending: messages::Sending::Status,
+            sending: outgoing::Sending::Status,
             note: Event::new(Line::Status),
             filters_s: 0,
             outputs: Outputs::new(),
@@ -397,7 +382,9 @@ impl Node {
             self.publisher.publish(Publication::FailsafeOutputs);
         }
         self.temperature.second(&mut self.health, monitor);
-        self.power.second(&self.parameters, &mut self.health, monitor);
+        let is_wrong = self.power.second(&self.parameters, monitor);
+        let lines = [Line::PowerOutOfRange, Line::PowerOutOfRangeEnd];
+        self.health.set(Conditions::POWER, is_wrong, lines, monitor);
     }
 
     /// True if the serial monitor may write a character: without somebody who looks through the

@@ -7,12 +7,23 @@ use dronecan_wire::{Buffer, Sender};
 
 use mcp2515_ordered::Frame;
 
-use super::parameters::Response;
-use super::publisher::LONGEST;
-use super::{Constants, information};
 use crate::dialect;
 use crate::parts::{stats, update};
+use crate::tables::parameters::Response;
+use crate::tables::publication::LONGEST;
+use crate::tables::{Constants, information};
 use dronecan_wire::crc;
+
+/// The transfer that the outgoing frames belong to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sending {
+    /// The node's status.
+    Status,
+    /// Another message.
+    Message,
+    /// The response to the oldest request.
+    Response,
+}
 
 /// The source of a payload's bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,16 +1,9 @@
-//! When the node sends its [`messages`](super::messages): their order, rates and transfer IDs.
+//! When the node sends its messages: their order, rates and transfer IDs.
 
 use dronecan_wire::Tail;
-#[allow(unused_imports, reason = "the draft has no type of v0")]
-use dronecan_wire::types::{self, Message};
 
-use super::Node;
-use super::health::CanCounters;
-use super::parameters::{Parameter, Parameters};
-use crate::dialect;
-use due::Due;
-
-mod due;
+use crate::tables::parameters::Parameters;
+use crate::tables::publication::{COUNT, Publication, WHEN, When, for_published, paces};
 
 /// The longest time between two statuses, in milliseconds (DSDL 341.NodeStatus.uavcan,
 /// MAX_BROADCASTING_PERIOD_MS).
@@ -25,86 +18,55 @@ const MIN_STATUS_PERIOD_MS: u16 = 500;
 /// own.
 const AUTOPILOT_GRACE_MS: u16 = 25;
 
-/// When a message is sent.
-#[allow(dead_code, reason = "a build may have no message with a rate")]
-enum When {
-    /// So many times a second as the parameter says.
-    Rate(Parameter),
-    /// On an event.
-    Event,
+/// The bits of [`Due`].
+type Bits = <() as Width<{ COUNT > 8 }>>::Bits;
+
+/// An integer with a bit for each message.
+trait Width<const IS_WIDE: bool> {
+    type Bits;
 }
 
-/// A table of groups, `if condition { rows }`, in the order in which messages leave when several
-/// are due. A row is `name = type, form, greatest length in bytes, when => method;`. A transfer of
-/// the form `short` has one frame. The method puts the payload, and returns false if there is none
-/// to send now.
-macro_rules! publications {
+impl Width<false> for () {
+    type Bits = u8;
+}
+
+impl Width<true> for () {
+    type Bits = u16;
+}
+
+const _: () = assert!(COUNT <= Bits::BITS as usize, "each has a bit of `Due`");
+
+/// A set of messages.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Due(Bits);
+
+impl Due {
+    #[inline(always)]
+    const fn bit(publication: Publication) -> Bits {
+        if publication.place() == Publication::NONE.place() { 0 } else { 1 << publication.place() }
+    }
+
+    const fn has(self, publication: Publication) -> bool {
+        self.0 & Self::bit(publication) != 0
+    }
+
+    const fn without(self, publication: Publication) -> Self {
+        Self(self.0 & !Self::bit(publication))
+    }
+
+    /// The messages that are in both sets.
+    const fn only(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+}
+
+/// Order and rates of the rows of the table.
+macro_rules! publish {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
-        $name:ident = $type:path, $form:ident, $len:expr, $when:expr => $put:ident;)*
+        $name:ident = $type:path, $form:ident, $len:expr, $when:expr $(, $needs:ident)?
+            => $put:ident;)*
     })*) => {
-        #[repr(u8)]
-        enum Place {
-            $($(#[cfg($if)] $name,)*)*
-        }
-
-        /// A message that the node sends. Those of a part that the build leaves out are never sent.
-        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-        pub struct Publication(u8);
-
-        #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration")]
-        impl Publication {
-            $($(
-                $(#[doc = $doc])*
-                #[cfg($if)]
-                pub const $name: Self = Self(Place::$name as u8);
-                $(#[doc = $doc])*
-                #[cfg(not($if))]
-                pub const $name: Self = Self::NONE;
-            )*)*
-        }
-
-        /// The data type of each message.
-        const TYPES: &[Message] = &[$($(#[cfg($if)] $type,)*)*];
-
-        /// When each message is sent.
-        const WHEN: &[When] = &[$($(#[cfg($if)] { use When::*; $when },)*)*];
-
-        /// The greatest length of each payload, in bytes.
-        const LENGTHS: &[u8] = &[$($(#[cfg($if)] $len,)*)*];
-
-        impl Publication {
-            /// The data type ID.
-            #[inline(always)]
-            pub const fn data_type(self) -> u16 {
-                $($(#[cfg($if)] if self.0 == Self::$name.0 {
-                    return $type.id;
-                })*)*
-                0
-            }
-
-            /// The initial CRC of a transfer of several frames. 0 if no transfer has more than one
-            /// frame.
-            #[inline(always)]
-            pub const fn seed(self) -> u16 {
-                $($(#[cfg($if)] if publications!(@is_long $form) && self.0 == Self::$name.0 {
-                    return $type.seed;
-                })*)*
-                0
-            }
-
-            /// The place of its transfer IDs. Messages of the same type share them.
-            #[inline(always)]
-            const fn counter(self) -> u8 {
-                $($(#[cfg($if)] if const { first_of_type(Self::$name) != Self::$name.0 }
-                    && self.0 == Self::$name.0
-                {
-                    return const { first_of_type(Self::$name) };
-                })*)*
-                self.0
-            }
-        }
-
         impl Due {
             /// The first message that is due.
             #[inline(always)]
@@ -116,154 +78,35 @@ macro_rules! publications {
             }
         }
 
+        /// The messages that need no temperature sensor.
+        const WITHOUT_SENSOR: Due = {
+            let mut due = Due(0);
+            $($(#[cfg($if)] if !Publication::$name.needs_sensor() {
+                due.0 |= Due::bit(Publication::$name);
+            })*)*
+            due
+        };
+
         impl Publisher {
             /// Makes the messages with a rate due.
             #[inline(always)]
             fn pace_all(&mut self, passed_ms: u8, parameters: &Parameters) {
                 $($(#[cfg($if)]
-                if let When::Rate(parameter) = const { &WHEN[Place::$name as usize] } {
-                    let place = const { paces(&WHEN.split_at(Place::$name as usize).0) };
+                if let When::Rate(parameter) =
+                    const { &WHEN[Publication::$name.place() as usize] }
+                {
+                    let place = const {
+                        paces(&WHEN.split_at(Publication::$name.place() as usize).0)
+                    };
                     let rate = parameters.get(*parameter) as u8;
                     self.pace(Publication::$name, place, passed_ms, rate);
                 })*)*
             }
         }
-
-        impl Node {
-            /// Puts the payload of a message. Returns false if there is none to send now.
-            #[inline(always)]
-            pub(super) fn put<C: CanCounters>(
-                &mut self,
-                publication: Publication,
-                counters: &C,
-                now_ms: u16,
-            ) -> bool {
-                $($(#[cfg($if)] if publication.0 == Publication::$name.0 {
-                    return self.$put(counters, now_ms);
-                })*)*
-                false
-            }
-        }
     };
-    (@is_long long) => { true };
-    (@is_long short) => { false };
 }
 
-publications! {
-    if all() {
-        /// uavcan.protocol.NodeStatus
-        NodeStatus = dialect::NODE_STATUS, short, 7, Event => put_status_message;
-    }
-    if feature = "draft" {
-        /// The thesis's measurement: the temperature in degrees Celsius.
-        DegreesCelsius = dialect::MEASUREMENT, short, 1, Event => put_degrees_celsius;
-        /// The thesis's measurement: the presses of the button.
-        Presses = dialect::MEASUREMENT, short, 1, Event => put_presses;
-    }
-    if feature = "standard" {
-        /// uavcan.equipment.actuator.Status
-        ActuatorStatus = types::ACTUATOR_STATUS, long, 8, Rate(Parameter::TelemRate)
-            => put_actuator_status;
-    }
-    if not(feature = "draft") {
-        /// uavcan.equipment.device.Temperature
-        Temperature = types::DEVICE_TEMPERATURE, short, 5, Rate(Parameter::TempRate)
-            => put_temperature;
-    }
-    if feature = "stats" {
-        /// dronecan.protocol.CanStats
-        CanStats = types::CAN_STATS, long, 25, Rate(Parameter::StatsRate) => put_can_stats;
-    }
-    if all(feature = "button", not(feature = "draft")) {
-        /// uavcan.protocol.debug.KeyValue, with the presses of the button.
-        KeyValue = types::KEY_VALUE, short, 7, Event => put_key_value;
-        /// ardupilot.indication.Button, ten times a second while the button is pressed.
-        Button = types::INDICATION_BUTTON, short, 2, Event => put_button;
-    }
-    if feature = "log" {
-        /// uavcan.protocol.debug.LogMessage
-        LogMessage = types::LOG_MESSAGE, long, crate::parts::log::LEN, Event => put_log_message;
-    }
-    if feature = "tunnel" {
-        /// uavcan.tunnel.Targetted, with characters of the serial monitor.
-        Targetted = types::TUNNEL_TARGETTED, long, 25, Event => put_targetted;
-    }
-    if feature = "outputs" {
-        /// uavcan.protocol.debug.KeyValue, with the outputs in failsafe.
-        FailsafeOutputs = types::KEY_VALUE, short, 6, Event => put_failsafe_outputs;
-    }
-    if feature = "power" {
-        /// uavcan.equipment.power.CircuitStatus
-        CircuitStatus = types::CIRCUIT_STATUS, short, 7, Rate(Parameter::PwrRate)
-            => put_circuit_status;
-    }
-    if feature = "relay" {
-        /// uavcan.equipment.hardpoint.Status
-        HardpointStatus = types::HARDPOINT_STATUS, short, 7,
-            Rate(Parameter::RelayRate) => put_hardpoint_status;
-    }
-    if feature = "battery" {
-        /// uavcan.equipment.power.BatteryInfo
-        BatteryInfo = types::BATTERY_INFO, long, 23, Rate(Parameter::BattRate) => put_battery_info;
-    }
-    if feature = "rpm" {
-        /// dronecan.sensors.rpm.RPM
-        Rpm = types::RPM, short, 7, Rate(Parameter::RpmRate) => put_rpm;
-    }
-    if feature = "allocation" {
-        /// uavcan.protocol.dynamic_node_id.Allocation
-        Allocation = types::ALLOCATION, short, 7, Event => put_allocation;
-    }
-}
-
-impl Publication {
-    /// No message.
-    pub const NONE: Self = Self(0xFF);
-
-    /// The message with the presses of the button: each dialect has its own.
-    pub const PRESSES: Self =
-        if Self::Presses.0 == Self::NONE.0 { Self::KeyValue } else { Self::Presses };
-
-    /// True for a message that a node without an ID sends.
-    #[inline(always)]
-    pub fn is_anonymous(self) -> bool {
-        Self::Allocation != Self::NONE && self == Self::Allocation
-    }
-}
-
-/// The longest payload of a message, in bytes.
-pub const LONGEST: usize = {
-    let (mut longest, mut n) = (0, 0);
-    while n < LENGTHS.len() {
-        if LENGTHS[n] as usize > longest {
-            longest = LENGTHS[n] as usize;
-        }
-        n += 1;
-    }
-    longest
-};
-
-/// The number of the first message with the type of this one.
-const fn first_of_type(publication: Publication) -> u8 {
-    let mut n = 0;
-    while TYPES[n].id != TYPES[publication.0 as usize].id {
-        n += 1;
-    }
-    n as u8
-}
-
-/// The number of messages with a rate.
-const fn paces(when: &[When]) -> usize {
-    let (mut count, mut n) = (0, 0);
-    while n < when.len() {
-        count += matches!(when[n], When::Rate(_)) as usize;
-        n += 1;
-    }
-    count
-}
-
-/// The number of messages.
-const COUNT: usize = TYPES.len();
+for_published!(publish);
 
 /// The messages that a node without an ID sends.
 const WITHOUT_ID: Due = Due(Due::bit(Publication::Allocation));
@@ -376,7 +219,7 @@ impl Publisher {
                 due = due.without(Publication::NodeStatus);
             }
             if !has_temperature {
-                due = due.without(Publication::Temperature).without(Publication::DegreesCelsius);
+                due = due.only(WITHOUT_SENSOR);
             }
         }
         let publication = due.first()?;
@@ -406,14 +249,6 @@ impl Publisher {
 impl Default for Publisher {
     fn default() -> Self {
         Self::new()
-    }
-}
-
-#[cfg(test)]
-impl Publication {
-    /// All messages, in the order of the table.
-    pub fn all() -> impl Iterator<Item = Self> {
-        (0..COUNT as u8).map(Self)
     }
 }
 

@@ -4,16 +4,17 @@
 use dronecan_wire::{NodeId, Rejection, Slot, Verdict};
 use mcp2515_ordered::Frame;
 
-use super::condition::Conditions;
+use super::Node;
 use super::health::count;
-use super::kind::Kind;
-use super::publisher::Publication;
-use super::wire::{Receiver, Transfer};
-use super::{Constants, Node};
 use crate::dialect;
 use crate::monitor::{Line, Monitor, Words};
 use crate::parts::arming;
 use crate::parts::tunnel::HEADER_LEN;
+use crate::tables::Constants;
+use crate::tables::condition::Conditions;
+use crate::tables::kind::Kind;
+use crate::tables::publication::Publication;
+use crate::tables::wire::{Receiver, Transfer};
 
 /// What else an action on a transfer needs.
 pub struct Context<'a, P> {
@@ -23,10 +24,6 @@ pub struct Context<'a, P> {
     pub flash: P,
     /// The log.
     pub monitor: &'a mut Monitor,
-    /// For the response to a request: see [`Pending`](super::services::Pending).
-    pub argument: u8,
-    /// The same.
-    pub value: u16,
 }
 
 impl Node {
@@ -64,9 +61,16 @@ impl Node {
         let source = transfer.source;
         self.note.set_source(source);
         self.note.set_transfer(transfer.transfer_id());
-        let mut context = Context { now_ms, flash, monitor, argument: 0, value: 0 };
-        let line = self.act(transfer, &mut context);
-        let Context { argument, value, .. } = context;
+        let mut context = Context { now_ms, flash, monitor };
+        let line = if transfer.kind.is_request() {
+            let reply = self.act_on_request(transfer, &mut context);
+            if !reply.line.is_refusal() {
+                self.services.add(transfer, reply.argument, reply.value);
+            }
+            reply.line
+        } else {
+            self.act(transfer, &mut context)
+        };
         self.stats.count_received();
         if line.is_refusal() {
             count(&mut self.health.counts.refused);
@@ -74,8 +78,6 @@ impl Node {
             if line == Line::RefusedValue || line == Line::RefusedType {
                 receiver.refused(source);
             }
-        } else if transfer.kind.is_request() {
-            self.services.add(transfer, argument, value);
         }
         self.log_note(line, monitor);
     }
@@ -311,7 +313,7 @@ impl Node {
         if self.id != 0 {
             return Line::AllocationElsewhere;
         }
-        self.publisher.withdraw(super::Publication::Allocation);
+        self.publisher.withdraw(Publication::Allocation);
         self.id = self.allocation.act_on_message(message, &self.unique_id, context.now_ms);
         self.note.set_code(self.id);
         if self.id == 0 {

@@ -1,7 +1,7 @@
 //! The end of the program: a restart, or an update by the bootloader.
 
 use super::Node;
-use super::store::Eeprom;
+use crate::eeprom::Eeprom;
 use crate::handover::REQUEST_LEN;
 use crate::monitor::{Line, Monitor};
 

@@ -3,20 +3,20 @@
 
 use dronecan_wire::Id;
 
-use super::condition::Conditions;
+use super::Node;
 use super::get_set::GetSet;
-use super::health::CanCounters;
-use super::kind::Kind;
-use super::messages::Sending;
-use super::outgoing::Form;
-use super::parameters;
+use super::outgoing::{Form, Sending};
 use super::receive::Context;
-use super::wire::Transfer;
-use super::{Constants, Node, information};
+use crate::hardware::CanCounters;
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Line, Monitor};
 use crate::parts::stats;
 use crate::parts::update::{HAS_TEXTS, Verdict};
+use crate::tables::condition::Conditions;
+use crate::tables::kind::Kind;
+use crate::tables::parameters;
+use crate::tables::wire::Transfer;
+use crate::tables::{Constants, information};
 
 /// Requests that can wait for their response. A power of two. GUI tools send five at once.
 const WAITING: usize = 8;
@@ -54,6 +54,24 @@ pub struct Pending {
     argument: u8,
     /// GetSet: the value after the request.
     value: u16,
+}
+
+/// The result of an action on a request.
+pub struct Reply {
+    /// The line to log. Unless it is a refusal, the request is queued for its response.
+    pub line: Line,
+    /// See [`Pending`].
+    pub argument: u8,
+    /// The same.
+    pub value: u16,
+}
+
+impl Reply {
+    /// A reply that needs nothing else.
+    #[inline(always)]
+    pub const fn of(line: Line) -> Self {
+        Self { line, argument: 0, value: 0 }
+    }
 }
 
 /// What else a response needs.
@@ -213,8 +231,8 @@ impl Node {
 impl Node {
     /// Accepts a request that needs no action.
     #[inline(always)]
-    pub(super) fn accept<P>(&mut self, _: &Transfer, _: &mut Context<P>) -> Line {
-        Line::Request
+    pub(super) fn accept<P>(&mut self, _: &Transfer, _: &mut Context<P>) -> Reply {
+        Reply::of(Line::Request)
     }
 
     #[inline(always)]
@@ -242,19 +260,14 @@ impl Node {
     }
 
     #[inline(always)]
-    pub(super) fn act_on_restart<P>(
-        &mut self,
-        request: &Transfer,
-        context: &mut Context<P>,
-    ) -> Line {
+    pub(super) fn act_on_restart<P>(&mut self, request: &Transfer, _: &mut Context<P>) -> Reply {
         // The magic number is 0xACCE551B1E (DSDL uavcan/protocol/5.RestartNode.uavcan).
         let is_accepted =
             request.len() == 5 && matches!(request.bytes(), [0x1E, 0x1B, 0x55, 0xCE, 0xAC, ..]);
         if is_accepted {
             self.outputs.fail_safe(&self.parameters);
         }
-        context.argument = is_accepted.into();
-        Line::Request
+        Reply { argument: is_accepted.into(), ..Reply::of(Line::Request) }
     }
 
     /// The response to RestartNode: one bit.
@@ -281,10 +294,10 @@ impl Node {
         &mut self,
         request: &Transfer,
         context: &mut Context<P>,
-    ) -> Line {
+    ) -> Reply {
         let flash = context.flash;
         let Some(GetSet { parameter, value }) = GetSet::read(request, flash) else {
-            return Line::RefusedLength;
+            return Reply::of(Line::RefusedLength);
         };
         let mut line = Line::Request;
         if let Some(value) = value {
@@ -303,9 +316,7 @@ impl Node {
             self.note.set_a(value as u16);
             self.note.set_b(u16::from(parameter));
         }
-        context.argument = parameter;
-        context.value = self.parameters.value(parameter).unwrap_or(0);
-        line
+        Reply { line, argument: parameter, value: self.parameters.value(parameter).unwrap_or(0) }
     }
 
     #[inline(always)]
@@ -331,18 +342,18 @@ impl Node {
         &mut self,
         request: &Transfer,
         context: &mut Context<P>,
-    ) -> Line {
+    ) -> Reply {
         let &[opcode, ..] = request.bytes();
         if request.len() != 7 {
-            return Line::RefusedLength;
+            return Reply::of(Line::RefusedLength);
         }
         let erases = opcode == OPCODE_ERASE && !self.are_outputs_fixed();
         if erases {
             self.parameters.set_defaults(context.flash);
             self.apply_parameters();
         }
-        context.argument = u8::from(opcode == OPCODE_SAVE || erases);
-        Line::Request
+        let is_done = opcode == OPCODE_SAVE || erases;
+        Reply { argument: is_done.into(), ..Reply::of(Line::Request) }
     }
 
     #[inline(always)]
@@ -376,17 +387,12 @@ impl Node {
     }
 
     #[inline(always)]
-    pub(super) fn act_on_update<P>(
-        &mut self,
-        request: &Transfer,
-        context: &mut Context<P>,
-    ) -> Line {
+    pub(super) fn act_on_update<P>(&mut self, request: &Transfer, _: &mut Context<P>) -> Reply {
         let verdict = self.update.act_on_request(request, self.outputs.are_in_use()) as u8;
         if Verdict::is_accepted(verdict) {
             self.outputs.fail_safe(&self.parameters);
         }
-        context.argument = verdict;
-        Line::Request
+        Reply { argument: verdict, ..Reply::of(Line::Request) }
     }
 
     #[inline(always)]

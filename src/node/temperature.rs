@@ -1,10 +1,10 @@
 //! The temperature: the last measurement, and its limits.
 
-use super::condition::Conditions;
 use super::health::Health;
-use super::parameters::{Parameter, Parameters};
 use super::thermometer::{DEGREE_ZERO, Thermometer, celsius, corrected};
 use crate::monitor::{Line, Monitor};
+use crate::tables::condition::Conditions;
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// Error flag of a Temperature: above the limit (DSDL 1110.Temperature.uavcan).
 const OVERHEATING: u8 = 1;

@@ -4,7 +4,7 @@ use super::*;
 use crate::desk::{Desk as Rig, Memory};
 use crate::golden;
 use crate::image::InMemory;
-use crate::node::parameters::OutputParameter;
+use crate::tables::parameters::OutputParameter;
 use mcp2515_ordered::{Event as CanEvent, Frame, Notice};
 use std::f64::consts::FRAC_PI_4;
 
@@ -456,13 +456,13 @@ fn broken_and_interleaved_transfers_show_and_are_counted() {
     assert_eq!((rig.code(), broken(&rig), rig.program.node.pulse(0)), (1 << 3, if_counted(1), 0));
     rig.run(10_001);
     assert_eq!(rig.code(), 0);
-    for source in 0..=crate::node::wire::LIST_LANES {
+    for source in 0..=crate::tables::wire::LIST_LANES {
         // A transfer keeps its lane for 4 ms after its last frame.
         rig.run(4);
         rig.text(&format!("1003F2{:02X} 12 F3 01 00 00 38 02 88", 0x0A + source));
     }
     assert_eq!((rig.code(), broken(&rig), rig.program.node.pulse(0)), (1 << 3, if_counted(2), 0));
-    let last = 0x0A + crate::node::wire::LIST_LANES;
+    let last = 0x0A + crate::tables::wire::LIST_LANES;
     rig.text(&format!("1003F2{last:02X} 00 00 BC 03 04 DC 65 68"));
     assert_eq!((rig.program.node.pulse(0), broken(&rig)), (us(1750.0), if_counted(2)));
 }
@@ -1171,7 +1171,7 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
             }
             2 => {
                 // Set a parameter to a random value, a small value, or a limit of some parameter.
-                let index = (next() % parameters::COUNT as u16) as u8;
+                let index = (next() % crate::tables::parameters::COUNT as u16) as u8;
                 let value = match next() % 3 {
                     0 => i64::from(next()),
                     1 => i64::from(next() % 1000) - 500,

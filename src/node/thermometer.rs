@@ -5,8 +5,8 @@
 //! half a step or more and spreads the readings over several steps, so the sum has a finer
 //! resolution than one reading.
 
-use super::parameters::{Parameter, Parameters};
 use crate::math::scaled;
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// There is a sensor if so many readings in a row are between the ends of the range.
 const FOUND: u8 = 16;

@@ -7,7 +7,7 @@
 
 use dronecan_wire::crc;
 
-use crate::node::wire::Transfer;
+use crate::tables::wire::Transfer;
 
 /// Minimum time from an Allocation message, received or sent, to the next request, in milliseconds.
 const MIN_REQUEST_PERIOD_MS: u16 = 600;

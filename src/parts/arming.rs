@@ -1,6 +1,6 @@
 //! If the vehicle is armed, by the ArmingStatus of the autopilot.
 
-use crate::node::parameters::{Parameter, Parameters};
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot
 /// sends two a second.

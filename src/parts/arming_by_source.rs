@@ -1,7 +1,7 @@
 //! If the vehicle is armed, by the ArmingStatus of each node that commands an output. The statuses
 //! of one node neither arm nor disarm the outputs of another.
 
-use crate::node::parameters::{Parameter, Parameters};
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// What a status says counts for this time, in seconds. ArduPilot sends two a second.
 const TIMEOUT_S: u8 = 4;

@@ -9,8 +9,7 @@ use dronecan_wire::float16;
 
 use super::power::{OVERCURRENT, Power};
 use crate::math::scaled;
-use crate::node::parameters::{Parameter, Parameters};
-use crate::node::temperature::Temperature;
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// The time is counted in ticks. Ticks of milliseconds would need five bytes for the charge.
 const TICK_MS: u16 = 16;
@@ -62,11 +61,12 @@ impl Battery {
         scaled((self.charge >> 15) as u16, UPPER_TENTHS_UAH, 10_000)
     }
 
-    /// Puts a BatteryInfo up to the percentages.
+    /// Puts a BatteryInfo up to the percentages. `heat` is the temperature of the sensor, if there
+    /// is one: in 64ths of a kelvin, and the error flags of a Temperature.
     pub fn put(
         &self,
         power: &Power,
-        temperature: &Temperature,
+        heat: Option<(u16, u8)>,
         parameters: &Parameters,
         mut put: impl FnMut(u16),
     ) {
@@ -75,9 +75,11 @@ impl Battery {
             flags |= OVERLOAD;
         }
         let mut kelvin = float16::NAN;
-        if parameters.is_on(Parameter::BattTemp) && temperature.has_sensor() {
-            kelvin = float16::from_fixed(temperature.kelvin_64ths(), 6);
-            flags |= temperature.flags() << HOT_AND_COLD;
+        if parameters.is_on(Parameter::BattTemp)
+            && let Some((kelvin_64ths, heat_flags)) = heat
+        {
+            kelvin = float16::from_fixed(kelvin_64ths, 6);
+            flags |= heat_flags << HOT_AND_COLD;
         }
         put(kelvin);
         put(power.voltage());

@@ -2,7 +2,7 @@
 
 use dronecan_wire::Slot;
 
-use crate::node::parameters::{Parameter, Parameters};
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// The light. It has one colour; its brightness is that of the brightest of the three colours in a
 /// command.

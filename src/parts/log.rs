@@ -8,12 +8,10 @@
 
 use crate::monitor::Line;
 use crate::monitor::text::level;
+use crate::tables::publication::Publication;
 
-/// Characters of a message. The rest of a longer line is cut.
-const ROOM: usize = 27;
-
-/// The longest payload, in bytes.
-pub const LEN: u8 = 1 + ROOM as u8;
+/// Characters of a message, behind its level. The rest of a longer line is cut.
+const ROOM: usize = Publication::LogMessage.longest() as usize - 1;
 
 /// The shortest time between two messages, in milliseconds. A condition that begins and ends with
 /// each frame must not fill the bus. Meanwhile one message can wait; further ones are dropped.

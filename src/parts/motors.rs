@@ -2,8 +2,8 @@
 
 use dronecan_wire::esc;
 
-use crate::node::parameters::{OutputParameter, Parameters};
-use crate::node::wire::{KEPT, Transfer};
+use crate::tables::parameters::{OutputParameter, Parameters};
+use crate::tables::wire::{KEPT, Transfer};
 
 /// True if an output can be a motor.
 pub const ARE_THERE: bool = true;

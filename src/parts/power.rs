@@ -9,9 +9,7 @@ use dronecan_wire::float16;
 use crate::hardware::Input;
 use crate::math::scaled;
 use crate::monitor::{Line, Monitor};
-use crate::node::condition::Conditions;
-use crate::node::health::Health;
-use crate::node::parameters::{Parameter, Parameters};
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// Error flag of a CircuitStatus: above PWR1_VOLT_MAX (DSDL 1091.CircuitStatus.uavcan).
 const OVERVOLTAGE: u8 = 1;
@@ -169,10 +167,10 @@ impl Power {
         }
     }
 
-    /// Logs voltage and current, and sets or clears the condition for their limits. Call once a
+    /// Logs voltage and current. Returns true if one of them is beyond its limits. Call once a
     /// second.
     #[inline(always)]
-    pub fn second(&mut self, parameters: &Parameters, health: &mut Health, monitor: &mut Monitor) {
+    pub fn second(&mut self, parameters: &Parameters, monitor: &mut Monitor) -> bool {
         if !is_wanted(parameters) {
             self.has_measured = false;
             self.flags = 0;
@@ -182,8 +180,7 @@ impl Power {
             event.set_a(self.centiamperes as u16);
             event.set_b(self.millivolts);
         }
-        let lines = [Line::PowerOutOfRange, Line::PowerOutOfRangeEnd];
-        health.set(Conditions::POWER, self.flags != 0, lines, monitor);
+        self.flags != 0
     }
 }
 

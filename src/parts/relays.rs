@@ -3,7 +3,7 @@
 
 use super::outputs::Pulses;
 use crate::hardware::OUTPUTS;
-use crate::node::parameters::{OutputParameter, Parameter, Parameters};
+use crate::tables::parameters::{OutputParameter, Parameter, Parameters};
 
 /// OUTn_TYPE: the output is a relay.
 const RELAY: u8 = 2;

@@ -10,7 +10,7 @@
 
 use crate::hardware::ShaftPulses;
 use crate::monitor::{Line, Monitor};
-use crate::node::parameters::{Parameter, Parameters};
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// The shortest window. A tick of the time and the delay of an interrupt, together below 40 us, are
 /// less than 0.1 % of it.

@@ -1,6 +1,6 @@
 //! The safety switch, by the SafetyState of the autopilot: while it is on, no command is followed.
 
-use crate::node::parameters::{Parameter, Parameters};
+use crate::tables::parameters::{Parameter, Parameters};
 
 /// The safety switch counts as on for this time after a SafetyState that says so, in seconds.
 /// ArduPilot sends two a second.

@@ -2,7 +2,7 @@
 
 use mcp2515_ordered::{Counter, WORDS};
 
-use crate::node::health::CanCounters;
+use crate::hardware::CanCounters;
 
 /// Transfers since the start, modulo 2^32.
 #[derive(Default)]

@@ -7,25 +7,17 @@
 
 use dronecan_wire::crc;
 
+use crate::eeprom::{Address, Eeprom};
 use crate::handover::{BUS, BUS_LEN, CRC_START, PATH_LEN, REQUEST_LEN};
-use crate::node::parameters::{Parameter, Parameters};
-use crate::node::store::{Address, Eeprom};
-use crate::node::wire::Transfer;
-use crate::node::{bit_rate, information};
+use crate::tables::parameters::{Parameter, Parameters};
+use crate::tables::wire::Transfer;
+use crate::tables::{bit_rate, information};
 
 /// True: the node takes updates over the bus.
 pub const IS_THERE: bool = true;
 
 /// True: a response says why a request is refused.
 pub const HAS_TEXTS: bool = true;
-
-/// The texts of the responses, in the order of [`Verdict`].
-pub const TEXTS: &[&str] = &[
-    "update over USB serial",
-    "",
-    "armed, or a command in the last 2 s",
-    "path longer than 24 characters",
-];
 
 /// The decision on a request. Its number is that of its text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! No bootloader of `boot/`: the program has no updates over the bus.
 
 use firmware::handover::REQUEST_LEN;
-use firmware::node::condition::ResetCause;
+use firmware::tables::condition::ResetCause;
 
 /// False.
 pub fn is_there() -> bool {

@@ -3,7 +3,7 @@
 use super::*;
 use crate::desk::{Desk, Memory};
 use crate::golden::{bytes, frame, frames};
-use crate::node::condition::ResetCause;
+use crate::tables::condition::ResetCause;
 
 fn read(text: &str) -> Result<(Kind, u8, u8, Vec<u8>), Rejection> {
     let frames = frames(text);

@@ -3,7 +3,7 @@ use crate::golden;
 use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME};
 use crate::image::InMemory;
 #[cfg(feature = "standard")]
-use crate::node::parameters::Parameter;
+use crate::tables::parameters::Parameter;
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::image::InMemory;
-use crate::node::parameters::{COUNT, Parameter};
+use crate::tables::parameters::{COUNT, Parameter};
 
 /// An EEPROM whose supply can be cut.
 #[derive(Clone)]

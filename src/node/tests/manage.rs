@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME, OUTPUTS};
+use crate::tables::{bit_rate, parameters};
 use dronecan_wire::Id;
 
 impl Rig {

@@ -4,8 +4,8 @@ use super::manage::{RESTART, set};
 use super::*;
 use crate::hardware::OUTPUTS;
 use crate::node::agenda::{FRAMES_BEFORE_ENTRY, Turn};
-use crate::node::health::Level;
-use crate::node::parameters::OutputParameter;
+use crate::tables::condition::Level;
+use crate::tables::parameters::OutputParameter;
 
 const ARRAY_COMMAND: u32 = 0x1003_F20A;
 const RAW_COMMAND: u32 = 0x0704_060A;

@@ -1,6 +1,6 @@
 //! Requests no node ID: a node without one stays without.
 
-use crate::node::wire::Transfer;
+use crate::tables::wire::Transfer;
 
 /// Nothing.
 #[derive(Default)]

@@ -1,6 +1,6 @@
 //! Without ArmingStatus: nobody is disarmed.
 
-use crate::node::parameters::Parameters;
+use crate::tables::parameters::Parameters;
 
 /// False.
 pub const IS_BY_SOURCE: bool = false;

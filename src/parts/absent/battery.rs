@@ -1,8 +1,7 @@
 //! No battery is watched.
 
-use crate::node::parameters::Parameters;
-use crate::node::temperature::Temperature;
 use crate::parts::power::Power;
+use crate::tables::parameters::Parameters;
 
 /// Nothing.
 #[derive(Default)]
@@ -18,5 +17,5 @@ impl Battery {
     pub fn add(&mut self, _centiamperes: i16, _now_ms: u16) {}
 
     /// Does nothing.
-    pub fn put(&self, _: &Power, _: &Temperature, _: &Parameters, _put: impl FnMut(u16)) {}
+    pub fn put(&self, _: &Power, _: Option<(u16, u8)>, _: &Parameters, _put: impl FnMut(u16)) {}
 }

@@ -2,7 +2,7 @@
 
 use dronecan_wire::Slot;
 
-use crate::node::parameters::Parameters;
+use crate::tables::parameters::Parameters;
 
 /// Nothing.
 #[derive(Default)]

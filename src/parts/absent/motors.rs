@@ -1,7 +1,7 @@
 //! No output is a motor.
 
-use crate::node::parameters::Parameters;
-use crate::node::wire::Transfer;
+use crate::tables::parameters::Parameters;
+use crate::tables::wire::Transfer;
 
 /// False: no output can be a motor.
 pub const ARE_THERE: bool = false;

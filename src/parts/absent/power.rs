@@ -2,8 +2,7 @@
 
 use crate::hardware::Input;
 use crate::monitor::Monitor;
-use crate::node::health::Health;
-use crate::node::parameters::Parameters;
+use crate::tables::parameters::Parameters;
 
 /// actuator.Status.power_rating_pct: unknown.
 const RATING_UNKNOWN: u8 = 127;
@@ -62,5 +61,7 @@ impl Power {
     pub fn measure(&mut self, _parameters: &Parameters) {}
 
     /// Does nothing.
-    pub fn second(&mut self, _: &Parameters, _: &mut Health, _: &mut Monitor) {}
+    pub fn second(&mut self, _: &Parameters, _: &mut Monitor) -> bool {
+        false
+    }
 }

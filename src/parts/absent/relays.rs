@@ -1,7 +1,7 @@
 //! No output is a relay.
 
-use crate::node::parameters::Parameters;
 use crate::parts::outputs::Pulses;
+use crate::tables::parameters::Parameters;
 
 /// The greatest OUTn_TYPE.
 #[allow(dead_code, reason = "a build may have no OUTn_TYPE")]

@@ -2,7 +2,7 @@
 
 use crate::hardware::ShaftPulses;
 use crate::monitor::Monitor;
-use crate::node::parameters::Parameters;
+use crate::tables::parameters::Parameters;
 
 /// Nothing.
 #[derive(Default)]

@@ -1,6 +1,6 @@
 //! No safety switch: it is always off.
 
-use crate::node::parameters::Parameters;
+use crate::tables::parameters::Parameters;
 
 /// Nothing.
 #[derive(Default)]

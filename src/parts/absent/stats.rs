@@ -1,6 +1,6 @@
 //! Without CanStats and GetTransportStats: nothing is counted.
 
-use crate::node::health::CanCounters;
+use crate::hardware::CanCounters;
 
 /// Nothing.
 #[derive(Default)]

@@ -1,16 +1,13 @@
 //! No update over the bus: the bootloaders of the Arduinos listen to the serial port only.
 
+use crate::eeprom::Eeprom;
 use crate::handover::REQUEST_LEN;
-use crate::node::information;
-use crate::node::parameters::Parameters;
-use crate::node::store::Eeprom;
-use crate::node::wire::Transfer;
+use crate::tables::information;
+use crate::tables::parameters::Parameters;
+use crate::tables::wire::Transfer;
 
 /// False.
 pub const IS_THERE: bool = false;
-
-/// The response has no text.
-pub const TEXTS: &[&str] = &[""];
 
 /// False.
 pub const HAS_TEXTS: bool = false;

@@ -1,7 +1,7 @@
 use super::*;
 use crate::dialect::segment;
 use crate::golden;
-use crate::node::wire::Receiver;
+use crate::tables::wire::Receiver;
 use dronecan_wire::Verdict;
 
 const UNIQUE_ID: [u8; 16] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];

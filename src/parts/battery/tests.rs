@@ -98,7 +98,7 @@ fn info(battery: &Battery, millivolts: u16, capacity: i32) -> (f32, f32, u8, u8)
     let values = [(Parameter::BattRate, 1), (Parameter::BattCapacity, capacity)];
     let power = Power::at(millivolts, 0);
     let mut bytes = vec![];
-    battery.put(&power, &Temperature::new(), &golden::parameters(&values), |word| {
+    battery.put(&power, None, &golden::parameters(&values), |word| {
         bytes.extend(word.to_le_bytes());
     });
     assert_eq!(bytes.len(), 18);

@@ -7,9 +7,9 @@ use super::travel::CommandType;
 use super::{Command, Followed, Outputs, Pulses, by_pointer, place};
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Event, Line};
-use crate::node::parameters::Parameters;
-use crate::node::wire::Transfer;
 use crate::parts::{arming, motors, update};
+use crate::tables::parameters::Parameters;
+use crate::tables::wire::Transfer;
 
 /// An output has two commanders if another node commands it within this time, in milliseconds.
 const SECOND_MS: u16 = 2000;

@@ -2,9 +2,9 @@
 
 use super::{Outputs, bit, place};
 use crate::hardware::OUTPUTS;
-use crate::node::condition::Conditions;
-use crate::node::parameters::{Parameter, Parameters};
 use crate::parts::{arming, update};
+use crate::tables::condition::Conditions;
+use crate::tables::parameters::{Parameter, Parameters};
 
 impl Outputs {
     /// Starts the failsafe of each output when it is due. Call once a millisecond: it looks at one

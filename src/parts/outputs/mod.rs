@@ -18,13 +18,13 @@ use dronecan_wire::Slot;
 
 use crate::hardware::OUTPUTS;
 use crate::monitor::Line;
-use crate::node::parameters::{OutputParameter, Parameters};
-use crate::node::wire::Transfer;
 use crate::parts::arming::Arming;
 use crate::parts::motors::{Motors, Throttle};
 use crate::parts::relays::Relays;
 use crate::parts::safety::Safety;
 use crate::parts::superseded::Superseded;
+use crate::tables::parameters::{OutputParameter, Parameters};
+use crate::tables::wire::Transfer;
 use output::Output;
 use travel::{CommandType, Ticks};
 

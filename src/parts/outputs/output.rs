@@ -4,7 +4,7 @@ use dronecan_wire::{Slot, float16};
 
 use super::travel::{CommandType, Ticks, Travel};
 use super::{Command, NO_SLOT};
-use crate::node::parameters::{OutputParameter, Parameter, Parameters};
+use crate::tables::parameters::{OutputParameter, Parameter, Parameters};
 
 /// OUTn_FS: what the output does when commands stop. 3 ends the pulses.
 mod failsafe {

@@ -3,8 +3,8 @@ use crate::desk::Servos;
 use crate::dialect::segment;
 use crate::golden;
 use crate::monitor::Event;
-use crate::node::parameters::{OutputParameter, Parameter};
-use crate::node::wire::{Receiver, Transfer};
+use crate::tables::parameters::{OutputParameter, Parameter};
+use crate::tables::wire::{Receiver, Transfer};
 use dronecan_wire::Verdict;
 
 /// The outputs, their servos, and the parameters.

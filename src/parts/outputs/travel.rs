@@ -4,8 +4,8 @@ use dronecan_wire::float16;
 
 use crate::math::scaled;
 use crate::monitor::Line;
-use crate::node::parameters::{OutputParameter, Parameters};
 use crate::parts::motors;
+use crate::tables::parameters::{OutputParameter, Parameters};
 
 /// Width of a pulse in ticks of half a microsecond, the unit of the timer; 0 is no pulse.
 pub type Ticks = u16;

@@ -29,8 +29,8 @@ use std::collections::VecDeque;
 
 use dronecan_host::{Message, TransferId, split, types};
 use firmware::desk::{Desk, Memory};
-use firmware::node::condition::ResetCause;
-use firmware::node::parameters::OutputParameter;
+use firmware::tables::condition::ResetCause;
+use firmware::tables::parameters::OutputParameter;
 use half::f16;
 use mcp2515_ordered::Frame;
 

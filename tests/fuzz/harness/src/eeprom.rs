@@ -11,10 +11,10 @@
 
 use dronecan_host::{Message, Value, crc};
 use firmware::desk::Memory;
+use firmware::eeprom::EEPROM_LEN;
 use firmware::hardware::OUTPUTS;
-use firmware::node::condition::ResetCause;
-use firmware::node::parameters::{self, OutputParameter, Parameter};
-use firmware::node::store::EEPROM_LEN;
+use firmware::tables::condition::ResetCause;
+use firmware::tables::parameters::{self, OutputParameter, Parameter};
 
 use crate::rig::Rig;
 use crate::steps::Type;

@@ -5,7 +5,7 @@
 use std::collections::HashMap;
 
 use dronecan_host::{CanId, DataType, NodeId, RESTART_MAGIC, crc, types};
-use firmware::node::parameters::{OutputParameter, Parameters};
+use firmware::tables::parameters::{OutputParameter, Parameters};
 use half::f16;
 
 const START: u8 = 1 << 7;

@@ -16,8 +16,8 @@ use dronecan_host::{
     CanId, Decoded, Message, NodeInfo, Observation, Observer, Transfer, split, types,
 };
 use firmware::desk::{Desk, Memory};
-use firmware::node::condition::ResetCause;
-use firmware::node::parameters::{OutputParameter, Parameter};
+use firmware::tables::condition::ResetCause;
+use firmware::tables::parameters::{OutputParameter, Parameter};
 use mcp2515_ordered::{Event, Frame, Notice};
 
 use crate::orders::{self, Completed, Order, Transfers};

@@ -1,19 +1,17 @@
 //! The table of data types that the node receives. A row has all that depends on the type: its ID
 //! and the seed of its CRC, how its frames are reassembled, which filter of the controller lets it
-//! pass ([`acceptance`](super::acceptance)), and which method of [`Node`] acts on it.
+//! pass ([`acceptance`](crate::node::acceptance)), and the name of the method that acts on it,
+//! which `node::dispatch` calls.
 
 use dronecan_wire::Received;
-use dronecan_wire::types::{self, Message};
+use dronecan_wire::types;
 
-use super::get_set;
-use super::health::CanCounters;
-use super::receive::Context;
-use super::services::{Pending, Response};
-use super::wire::Transfer;
-use super::{Constants, Node};
 use crate::hardware::OUTPUTS;
-use crate::monitor::Line;
 use crate::progmem::Progmem;
+use crate::tables::types::SERVO_COMMAND;
+
+/// The tag of a GetSet's value that is a text.
+const TEXT: u8 = 4;
 
 /// Bit of a [`Kind`]'s number: the transfer is a request.
 const REQUEST: u8 = 1 << 7;
@@ -35,22 +33,11 @@ pub enum Filter {
     WithMotors,
     /// Into both of a node without an ID.
     WithoutId,
-    /// A request: see [`acceptance`](super::acceptance).
+    /// A request: see [`acceptance`](crate::node::acceptance).
     Request,
 }
 
-/// A table of groups, `if condition { rows }`. A row of a message is
-///
-/// `name = message type, form, filter => method;`
-///
-/// and a row of a request
-///
-/// `name = request type, form of the request, form of the response => method, method;`
-///
-/// where the second method begins the response. A transfer of the form `short` has one frame, of
-/// the form `long` one or several. A `list(bytes, most)` is a message of entries of so many bytes,
-/// at most `most` of them, of which the receiver keeps those for this node; a `command` is no list
-/// and has the lanes of lists.
+/// What the rows of [`for_received`] are.
 macro_rules! received {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
@@ -164,56 +151,6 @@ macro_rules! received {
             }
         }
 
-        impl Node {
-            /// Acts on a complete transfer of this node. Returns the line to log, which is the
-            /// reason of a refusal if it is refused.
-            #[inline(always)]
-            pub(super) fn act<P: Constants>(
-                &mut self,
-                transfer: &Transfer,
-                context: &mut Context<P>,
-            ) -> Line {
-                // Three searches: commands must not wait for those of the other messages, nor
-                // messages for those of the requests.
-                $($(#[cfg($if)] if received!(@form $form) & COMMAND != 0
-                    && transfer.kind as u8 == Kind::$kind as u8
-                {
-                    return received!(@first ($($action),+)(self, transfer, context));
-                })*)*
-                let is_request = transfer.kind.is_request();
-                $($(#[cfg($if)] if received!(@is_request $space)
-                    && is_request
-                    && transfer.kind as u8 == Kind::$kind as u8
-                {
-                    return received!(@first ($($action),+)(self, transfer, context));
-                })*)*
-                $($(#[cfg($if)] if !received!(@is_request $space)
-                    && received!(@form $form) & COMMAND == 0
-                    && !is_request
-                    && transfer.kind as u8 == Kind::$kind as u8
-                {
-                    return received!(@first ($($action),+)(self, transfer, context));
-                })*)*
-                Line::NONE
-            }
-
-            /// Begins the response to a request of this kind. Returns false if it has to wait.
-            #[inline(always)]
-            #[allow(unused_variables, reason = "a build may have no request")]
-            pub(super) fn respond<C: CanCounters, P: Constants>(
-                &mut self,
-                request: &Pending,
-                context: &mut Response<C, P>,
-            ) -> bool {
-                $($(#[cfg($if)] if received!(@is_request $space)
-                    && request.kind as u8 == Kind::$kind as u8
-                {
-                    return received!(@last ($($action),+)(self, request, context));
-                })*)*
-                true
-            }
-        }
-
         const _: () = assert!(Kind::ALL.len() < COMMAND as usize, "its bits are taken");
     };
     (@space message) => { 0 };
@@ -231,11 +168,6 @@ macro_rules! received {
     (@has_seed $form:ident $behind:ident) => { true };
     (@filter request $form:ident) => { Filter::Request };
     (@filter $space:ident $filter:ident) => { Filter::$filter };
-    (@first ($method:ident $(, $other:ident)?)($($value:ident),*)) => {
-        Node::$method($($value),*)
-    };
-    (@last ($method:ident)($($value:ident),*)) => { true };
-    (@last ($other:ident, $method:ident)($($value:ident),*)) => { Node::$method($($value),*) };
 }
 
 /// The [table in flash](crate::progmem) of the IDs of the data types and services.
@@ -264,71 +196,90 @@ const fn is_any(values: &[bool]) -> bool {
     false
 }
 
-/// thesis.ServoCommand. Its transfers have one frame, and no CRC.
-const SERVO_COMMAND: Message = Message { id: 1111, seed: 0 };
-
-received! {
-    if not(feature = "draft") {
-        /// uavcan.equipment.actuator.ArrayCommand
-        ArrayCommand = message types::ARRAY_COMMAND, list(4, 15), Rxb0 => act_on_array_command;
-    }
-    if feature = "outputs" {
-        /// uavcan.equipment.esc.RawCommand
-        RawCommand = message types::ESC_RAW_COMMAND, command, WithMotors => act_on_raw_command;
-    }
-    if all() {
-        /// uavcan.protocol.NodeStatus
-        NodeStatus = message types::NODE_STATUS, short, Rxb1 => act_on_status;
-        /// thesis.ServoCommand
-        ServoCommand = message SERVO_COMMAND, short, Rxb1 => act_on_servo_command;
-    }
-    if feature = "standard" {
-        /// uavcan.equipment.safety.ArmingStatus
-        ArmingStatus = message types::ARMING_STATUS, short, Rxb1 => act_on_arming_status;
-    }
-    if feature = "safety" {
-        /// ardupilot.indication.SafetyState
-        SafetyState = message types::SAFETY_STATE, short, Rxb1 => act_on_safety_state;
-    }
-    if feature = "relay" {
-        /// uavcan.equipment.hardpoint.Command
-        HardpointCommand = message types::HARDPOINT_COMMAND, short, Rxb1
-            => act_on_hardpoint_command;
-    }
-    if feature = "lights" {
-        /// uavcan.equipment.indication.LightsCommand
-        LightsCommand = message types::LIGHTS_COMMAND, list(3, 20), Rxb1 => act_on_lights_command;
-    }
-    if feature = "tunnel" {
-        /// uavcan.tunnel.Targetted
-        Targetted = message types::TUNNEL_TARGETTED, short, Rxb1 => act_on_targetted;
-    }
-    if feature = "allocation" {
-        /// uavcan.protocol.dynamic_node_id.Allocation
-        Allocation = message types::ALLOCATION, long, WithoutId => act_on_allocation;
-    }
-    if not(feature = "draft") {
-        /// uavcan.protocol.GetNodeInfo
-        GetNodeInfo = request types::GET_NODE_INFO, short, long => accept, respond_node_info;
-        /// uavcan.protocol.RestartNode
-        RestartNode = request types::RESTART_NODE, short, short => act_on_restart, respond_ok;
-    }
-    if feature = "standard" {
-        /// uavcan.protocol.param.GetSet
-        GetSet = request types::GET_SET, long, long => act_on_get_set, respond_get_set;
-        /// uavcan.protocol.param.ExecuteOpcode
-        ExecuteOpcode = request types::EXECUTE_OPCODE, short, short
-            => act_on_opcode, respond_opcode;
-        /// uavcan.protocol.file.BeginFirmwareUpdate
-        BeginFirmwareUpdate = request types::BEGIN_FIRMWARE_UPDATE, long, long
-            => act_on_update, respond_update;
-    }
-    if feature = "stats" {
-        /// uavcan.protocol.GetTransportStats
-        GetTransportStats = request types::GET_TRANSPORT_STATS, short, long
-            => accept, respond_stats;
-    }
+/// Gives the rows to the macro with this name. This module makes the kinds of them, and
+/// `node::dispatch` the calls of their methods.
+///
+/// The rows are in groups, `if condition { rows }`. A row of a message is
+///
+/// `name = message type, form, filter => method;`
+///
+/// and a row of a request
+///
+/// `name = request type, form of the request, form of the response => method, method;`
+///
+/// where the second method begins the response. A transfer of the form `short` has one frame, of
+/// the form `long` one or several. A `list(bytes, most)` is a message of entries of so many bytes,
+/// at most `most` of them, of which the receiver keeps those for this node; a `command` is no list
+/// and has the lanes of lists.
+macro_rules! for_received {
+    ($make:ident) => { $make! {
+        if not(feature = "draft") {
+            /// uavcan.equipment.actuator.ArrayCommand
+            ArrayCommand = message types::ARRAY_COMMAND, list(4, 15), Rxb0 => act_on_array_command;
+        }
+        if feature = "outputs" {
+            /// uavcan.equipment.esc.RawCommand
+            RawCommand = message types::ESC_RAW_COMMAND, command, WithMotors
+                => act_on_raw_command;
+        }
+        if all() {
+            /// uavcan.protocol.NodeStatus
+            NodeStatus = message types::NODE_STATUS, short, Rxb1 => act_on_status;
+            /// thesis.ServoCommand
+            ServoCommand = message SERVO_COMMAND, short, Rxb1 => act_on_servo_command;
+        }
+        if feature = "standard" {
+            /// uavcan.equipment.safety.ArmingStatus
+            ArmingStatus = message types::ARMING_STATUS, short, Rxb1 => act_on_arming_status;
+        }
+        if feature = "safety" {
+            /// ardupilot.indication.SafetyState
+            SafetyState = message types::SAFETY_STATE, short, Rxb1 => act_on_safety_state;
+        }
+        if feature = "relay" {
+            /// uavcan.equipment.hardpoint.Command
+            HardpointCommand = message types::HARDPOINT_COMMAND, short, Rxb1
+                => act_on_hardpoint_command;
+        }
+        if feature = "lights" {
+            /// uavcan.equipment.indication.LightsCommand
+            LightsCommand = message types::LIGHTS_COMMAND, list(3, 20), Rxb1
+                => act_on_lights_command;
+        }
+        if feature = "tunnel" {
+            /// uavcan.tunnel.Targetted
+            Targetted = message types::TUNNEL_TARGETTED, short, Rxb1 => act_on_targetted;
+        }
+        if feature = "allocation" {
+            /// uavcan.protocol.dynamic_node_id.Allocation
+            Allocation = message types::ALLOCATION, long, WithoutId => act_on_allocation;
+        }
+        if not(feature = "draft") {
+            /// uavcan.protocol.GetNodeInfo
+            GetNodeInfo = request types::GET_NODE_INFO, short, long => accept, respond_node_info;
+            /// uavcan.protocol.RestartNode
+            RestartNode = request types::RESTART_NODE, short, short => act_on_restart, respond_ok;
+        }
+        if feature = "standard" {
+            /// uavcan.protocol.param.GetSet
+            GetSet = request types::GET_SET, long, long => act_on_get_set, respond_get_set;
+            /// uavcan.protocol.param.ExecuteOpcode
+            ExecuteOpcode = request types::EXECUTE_OPCODE, short, short
+                => act_on_opcode, respond_opcode;
+            /// uavcan.protocol.file.BeginFirmwareUpdate
+            BeginFirmwareUpdate = request types::BEGIN_FIRMWARE_UPDATE, long, long
+                => act_on_update, respond_update;
+        }
+        if feature = "stats" {
+            /// uavcan.protocol.GetTransportStats
+            GetTransportStats = request types::GET_TRANSPORT_STATS, short, long
+                => accept, respond_stats;
+        }
+    } };
 }
+pub(crate) use for_received;
+
+for_received!(received);
 
 impl Kind {
     /// The ID of the data type or service. Not of [`Unknown`](Self::Unknown).
@@ -342,6 +293,12 @@ impl Kind {
     #[inline(always)]
     pub const fn is_request(self) -> bool {
         self as u8 & REQUEST != 0
+    }
+
+    /// True for a list, and for a command that has the lanes of lists.
+    #[inline(always)]
+    pub const fn is_command(self) -> bool {
+        self as u8 & COMMAND != 0
     }
 
     /// True if a transfer can have several frames.
@@ -394,7 +351,7 @@ impl Received for Kind {
 
     #[inline(always)]
     fn has_own_lanes(self) -> bool {
-        self as u8 & COMMAND != 0
+        self.is_command()
     }
 
     #[inline(always)]
@@ -406,9 +363,7 @@ impl Received for Kind {
     #[inline(always)]
     fn left_out(self, head: &[u8]) -> u8 {
         match head {
-            &[_, index_and_tag, len, ..]
-                if self == Self::GetSet && index_and_tag & 7 == get_set::TEXT =>
-            {
+            &[_, index_and_tag, len, ..] if self == Self::GetSet && index_and_tag & 7 == TEXT => {
                 len
             }
             _ => 0,

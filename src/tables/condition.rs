@@ -1,7 +1,5 @@
 //! The conditions behind the node's health and its vendor-specific status code.
 
-use super::health::Level;
-
 /// The reset cause: one of the constants below.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResetCause(pub u8);
@@ -23,6 +21,20 @@ impl ResetCause {
     pub const STRAY_INTERRUPT: Self = Self(6);
     /// A stack overflow into the variables.
     pub const STACK_COLLISION: Self = Self(7);
+}
+
+/// The health field of NodeStatus (DSDL 341.NodeStatus.uavcan).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Level {
+    /// The node works without a fault.
+    Ok = 0,
+    /// The node works, with a minor fault.
+    Warning = 1,
+    /// A function of the node has failed.
+    Error = 2,
+    /// The node does not work.
+    Critical = 3,
 }
 
 /// A table of conditions. A row is `NAME = bits, level, time;`: the level by default, and how long

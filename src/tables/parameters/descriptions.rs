@@ -17,7 +17,7 @@ pub(super) const MAX_NAME_LEN: usize = 16;
 pub(super) const VALUE_LEN: u8 = 2;
 
 /// Bytes of the values of all parameters.
-pub(in crate::node) const VALUES_LEN: u8 = VALUE_LEN * COUNT as u8;
+pub(crate) const VALUES_LEN: u8 = VALUE_LEN * COUNT as u8;
 
 /// Bytes of a column of values in flash.
 const COLUMN_LEN: u16 = VALUE_LEN as u16 * ROWS as u16;

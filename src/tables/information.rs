@@ -1,8 +1,9 @@
 //! The constant part of a GetNodeInfo response (DSDL uavcan/protocol/1.GetNodeInfo.uavcan).
 
-use crate::handover::{DESCRIPTOR_LEN, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION_LEN};
+use crate::handover::{
+    DESCRIPTOR_LEN, HEADER_LEN, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION_LEN, UNCHECKED,
+};
 use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME as NAME};
-use crate::parts::update::TEXTS;
 
 /// Bytes of software and hardware version in a GetNodeInfo response.
 pub const VERSIONS_LEN: u8 = 17;
@@ -37,6 +38,19 @@ pub const fn index_of(mut at: u8) -> u8 {
 /// Bytes of a GetNodeInfo response: a NodeStatus, the versions, the unique ID, the length of the
 /// certificate, the name.
 pub const NODE_INFO_LEN: u8 = 7 + VERSIONS_LEN + 16 + 1 + NAME.len() as u8;
+
+/// The texts of the responses to BeginFirmwareUpdate, in the order of
+/// [`Verdict`](crate::parts::update::Verdict). Without updates over the bus there is an empty one.
+const TEXTS: &[&str] = if cfg!(feature = "update") {
+    &[
+        "update over USB serial",
+        "",
+        "armed, or a command in the last 2 s",
+        "path longer than 24 characters",
+    ]
+} else {
+    &[""]
+};
 
 /// The table in flash: [`PACKED`].
 pub struct Information;
@@ -104,6 +118,12 @@ pub const PACKED: [u8; LEN] = {
         text += 1;
     }
     packed
+};
+
+/// The header of this program, with the mark that it is unchecked.
+pub const UNCHECKED_HEADER: [u8; HEADER_LEN] = {
+    let [low, high] = UNCHECKED.to_le_bytes();
+    [HARDWARE_MAJOR, HARDWARE_MINOR, PACKED[0], PACKED[1], low, high]
 };
 
 const fn number(digits: &str, radix: u32) -> u32 {

@@ -1,6 +1,6 @@
 use super::*;
 use crate::golden;
-use crate::node::publisher::Publication;
+use crate::tables::publication::Publication;
 
 /// Services and their IDs (DSDL).
 const REQUESTS: &[(Kind, u8)] = &[

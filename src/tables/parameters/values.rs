@@ -6,8 +6,8 @@ use super::descriptions::{
 };
 use super::{At, COUNT, HAS_PREFIX, NONE, OutputParameter, Parameter, ROWS, SINGLE, TEMPLATE};
 use crate::hardware::{OUTPUTS, SLOT_US};
-use crate::node::bit_rate::HIGHEST_RATE;
 use crate::progmem::Progmem;
+use crate::tables::bit_rate::HIGHEST_RATE;
 
 /// The values in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,12 +44,12 @@ impl Parameters {
     }
 
     /// The values for the store, two bytes each.
-    pub(in crate::node) fn bytes(&mut self) -> &mut [u8] {
+    pub(crate) fn bytes(&mut self) -> &mut [u8] {
         self.values.as_flattened_mut()
     }
 
     /// True if a value may have changed since the last call.
-    pub(in crate::node) fn take_change(&mut self) -> bool {
+    pub(crate) fn take_change(&mut self) -> bool {
         core::mem::take(&mut self.has_changed)
     }
 
@@ -158,7 +158,7 @@ fn is_room(count: u16, rate_hz: u16) -> bool {
 impl Parameters {
     /// True if a value in the range of the parameter with this index does not go with the values in
     /// force: the pulses of OUT_COUNT outputs have no room in a period of OUT_RATE.
-    pub(in crate::node) fn has_no_room(&self, index: u8, value: u16) -> bool {
+    pub(crate) fn has_no_room(&self, index: u8, value: u16) -> bool {
         if OUTPUTS == 1 {
             return false;
         }

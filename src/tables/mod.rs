@@ -1,0 +1,44 @@
+//! The tables: what the node receives, what it publishes, its parameters, its conditions, and what
+//! they are packed into for flash.
+//!
+//! A row has all that depends on its message, its parameter or its condition. The tables know
+//! neither node nor parts: [`kind`] and [`publication`] give their rows to the macros of the
+//! modules above, which call the methods that the rows name.
+//!
+//! | module | table |
+//! | --- | --- |
+//! | [`kind`] | the received data types; [`wire`] configures how transfers are reassembled |
+//! | [`publication`] | the messages that the node sends |
+//! | [`types`] | the data types that are not in [`dronecan_wire::types`] |
+//! | [`parameters`] | the parameters, and their values; [`bit_rate`] the timing for CAN_BAUDRATE |
+//! | [`condition`] | the conditions of the node's health |
+//! | [`information`] | versions, name and texts |
+
+pub mod bit_rate;
+pub mod condition;
+pub mod information;
+pub mod kind;
+pub mod parameters;
+pub mod publication;
+pub mod types;
+pub mod wire;
+
+use crate::progmem::Progmem;
+
+/// The flash with the tables that the node reads.
+pub trait Constants:
+    Progmem<parameters::Descriptions> + Progmem<information::Information> + Progmem<kind::DataTypes>
+{
+    /// The byte at index `at` of [`information::PACKED`].
+    #[inline(never)]
+    fn information(self, at: u8) -> u8 {
+        Progmem::<information::Information>::byte(self, u16::from(at))
+    }
+}
+
+impl<P> Constants for P where
+    P: Progmem<parameters::Descriptions>
+        + Progmem<information::Information>
+        + Progmem<kind::DataTypes>
+{
+}
