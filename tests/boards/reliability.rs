@@ -1,7 +1,8 @@
-//! docs/reliability.md lists every tested fault with its limits, and its measurements are within
-//! the limits.
+//! docs/reliability.md lists every tested fault with its limits, its measurements are within the
+//! limits, and its other lines are those that `make reliability` writes.
 
-use rig::faults::page::{CHAPTERS, row};
+use rig::faults::Measured;
+use rig::faults::page::{CHAPTERS, page, row};
 
 /// Parses a cell such as "53 (1000)": the measurement and its limit.
 fn numbers(cell: &str) -> Option<(f64, f64)> {
@@ -39,4 +40,14 @@ fn the_page_has_every_fault_with_its_limits() {
     let cases: usize = CHAPTERS.iter().map(|(_, cases)| cases.len()).sum();
     // Each chapter has two more rows: the head of the table.
     assert_eq!(rows.len(), cases + 2 * CHAPTERS.len(), "a fault on the page that is not tested");
+}
+
+#[test]
+fn the_page_has_the_text_that_the_program_writes() {
+    let text = |page: &str| -> Vec<String> {
+        let is_text = |line: &&str| !line.starts_with("| ") && !line.starts_with("Measured on ");
+        page.lines().filter(is_text).map(str::to_owned).collect()
+    };
+    let written = page(|_| Measured { logged_ms: None, recovery_ms: 0.0 });
+    assert_eq!(text(include_str!("../../docs/reliability.md")), text(&written));
 }

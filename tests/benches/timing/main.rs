@@ -496,8 +496,11 @@ fn main() {
          microsecond). A second run writes the same page. The bus has 1 Mbit/s.\n\n**Everything \
          is on** unless a row says otherwise: `actuator.Status` and `device.Temperature` 50 times \
          a second,\na client reads all parameters as fast as the node answers, and in each round \
-         sets one and saves all; the serial monitor\nis read and gets a `?` twice a second.\n\n## \
-         Load\n\nFrames that the filters accept, at priority 0 (they win every arbitration \
+         sets one and saves all; the serial monitor\nis read and gets a `?` twice a second.\n\n",
+    );
+    page.push_str(&rig::page::measured());
+    page.push_str(
+        "\n\n## Load\n\nFrames that the filters accept, at priority 0 (they win every arbitration \
          against the node) or 31 (they lose every arbitration, so that\nall of the node's \
          messages go out, too), back to back, or in bursts of 1 to 40 after silences of up to 10 \
          ms. *Service* is the time from\nthe chip select of the status read that finds a frame to \

@@ -1,8 +1,25 @@
-//! Parts of docs/benchmarks.md that different benchmarks write.
+//! What the benchmarks write into documents.
+
+use std::process::Command;
 
 use bench::root;
 
-/// Replaces the part of docs/benchmarks.md with this heading, or appends it.
+/// The line that says which firmware a page or a part of it is about. `scripts/docs --measured`
+/// compares that commit with the sources.
+pub fn measured() -> String {
+    let description = Command::new("git")
+        .args(["describe", "--always", "--dirty", "--abbrev=8", "--exclude=*"])
+        .current_dir(root())
+        .output();
+    let commit = match description {
+        Ok(output) if output.status.success() => String::from_utf8_lossy(&output.stdout).into(),
+        _ => "unknown".to_owned(),
+    };
+    format!("Measured on commit `{}`.", commit.trim())
+}
+
+/// Replaces the part of docs/benchmarks.md with this heading, or appends it, with the commit at its
+/// end.
 ///
 /// # Panics
 /// If the page cannot be read or written.
@@ -10,7 +27,8 @@ pub fn write_part(heading: &str, part: &str) {
     let path = root().join("docs/benchmarks.md");
     let page = std::fs::read_to_string(&path)
         .unwrap_or_else(|error| panic!("{} cannot be read: {error}", path.display()));
-    let page = replace_part(&page, heading, part);
+    let part = format!("{}\n\n{}\n", part.trim_end(), measured());
+    let page = replace_part(&page, heading, &part);
     std::fs::write(&path, page)
         .unwrap_or_else(|error| panic!("{} cannot be written: {error}", path.display()));
 }
