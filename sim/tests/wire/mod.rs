@@ -118,8 +118,9 @@ pub fn frames(records: &[Record]) -> Vec<(Cycles, Frame)> {
 #[track_caller]
 pub fn output(program: &str, arguments: &[&str]) -> Vec<u8> {
     let run = Command::new(program).args(arguments).stdin(Stdio::null()).output();
-    let output =
-        run.unwrap_or_else(|error| panic!("{program} cannot be run ({error}): run `make setup`"));
+    let output = run.unwrap_or_else(|error| {
+        panic!("{program} cannot be run ({error}): run `scripts/setup test`")
+    });
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success(), "{program} {arguments:?}: {errors}");
     output.stdout
