@@ -2,7 +2,8 @@
 //! has the complete old or new set.
 
 use bench::dronecan::{Message, Opcode, ParameterRequest, Value};
-use rig::manage::{SAVE_TIMEOUT_MS, integer, ms_between, parameters};
+use rig::documented::parameters;
+use rig::manage::{SAVE_TIMEOUT_MS, integer, ms_between};
 use rig::status::{CRITICAL, OK, PARAMETERS_LOST};
 use rig::{MS, Program, Rig, started};
 
@@ -37,7 +38,7 @@ fn assert_defaults(rig: &mut Rig) {
 #[test]
 fn parameters_have_the_documented_names_ranges_and_defaults() {
     let mut rig = Rig::running();
-    for (index, (name, default, min, max)) in parameters().into_iter().enumerate() {
+    for (index, &(name, default, min, max)) in parameters().iter().enumerate() {
         let reported = rig.parameter_at(index as u16);
         assert!(name.len() <= 16);
         assert_eq!(reported.name(), name);
@@ -51,7 +52,7 @@ fn parameters_have_the_documented_names_ranges_and_defaults() {
 #[test]
 fn every_parameter_accepts_both_ends_of_its_range() {
     let mut rig = Rig::running();
-    for (name, default, min, max) in parameters() {
+    for &(name, default, min, max) in parameters() {
         for value in [min, max, default] {
             rig.set(name, value);
             assert_eq!(rig.get(name), value);
@@ -72,11 +73,11 @@ fn saved_parameters_survive_a_restart_and_a_power_cut() {
     assert_eq!(marks(&mut rig), mark(1));
     // Sets each parameter to an end of its range that is not its default.
     let ends: Vec<_> = parameters()
-        .into_iter()
+        .iter()
         // With these changed the node would answer under another ID, at another bit rate or in
         // another dialect; and eight outputs do not fit.
         .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE", "OUT_COUNT"].contains(name))
-        .map(|(name, default, min, max)| (name, if default == max { min } else { max }))
+        .map(|&(name, default, min, max)| (name, if default == max { min } else { max }))
         .collect();
     for &(name, end) in &ends {
         rig.set(name, end);
@@ -340,7 +341,7 @@ fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() 
         let all: Vec<_> = (0..parameters().len()).map(|index| (index, value)).collect();
         let mut rig = Rig::running_with(&with(&all));
         rig.wait_for("a status", 1100, |rig| !rig.statuses().is_empty());
-        for (index, (name, default, min, max)) in parameters().into_iter().enumerate() {
+        for (index, &(name, default, min, max)) in parameters().iter().enumerate() {
             // The EEPROM has the bit rate as a number from 0 to 3.
             let number = if min < 0 { i64::from(value as i16) } else { i64::from(value) };
             let expected =

@@ -5,7 +5,8 @@
 
 use bench::Cycles;
 use bench::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
-use rig::manage::{ANSWER_TIMEOUT_MS, ms_between, parameters};
+use rig::documented::parameters;
+use rig::manage::{ANSWER_TIMEOUT_MS, ms_between};
 use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, parse_frames};
 
 const GET_NODE_INFO: &str = "1E01F8FF C3";

@@ -3,26 +3,34 @@ counters.
 """
 
 import re
+import tomllib
 
 import pytest
 from dronecan import uavcan
 from dronecan.app.node_monitor import NodeMonitor
 
-from conftest import NODE, VERSION, node_elf
+from conftest import NODE, ROOT, VERSION, node_elf
 
 protocol = uavcan.protocol
 UNITLESS, PWM = 0, 4
 
-# Those of the node, and of each output.
-NODE_PARAMETERS = [
-    "CAN_NODE", "CAN_BAUDRATE", "OUT_RATE", "TEMP_RATE", "TEMP_ID", "TEMP_SENSOR", "TEMP_REF",
-    "TEMP_OFFSET", "TEMP_SLOPE", "TEMP_MIN", "TEMP_MAX", "WARN_MASK", "ERROR_MASK", "CRIT_MASK",
-    "ARM_REQ", "TELEM_RATE",
-]  # fmt: skip
-OUTPUT_PARAMETERS = [
-    "ID", "MIN", "TRIM", "MAX", "REVERSED", "RANGE", "TIMEOUT", "FS", "FS_PWM",
-]  # fmt: skip
-PARAMETERS = NODE_PARAMETERS + [f"OUT1_{name}" for name in OUTPUT_PARAMETERS]
+
+def documented_parameters(preset):
+    """The names of a preset's parameters in the order of docs/parameters.md, which is written by
+    hand.
+    """
+    features = tomllib.loads((ROOT / "Cargo.toml").read_text())["features"][preset]
+    page = (ROOT / "docs/parameters.md").read_text()
+    rows = re.findall(r"^\|[^|]*\| `(\w+)`(?: \[`([\w-]+)`\])? \|", page, re.M)
+    names = [name for name, feature in rows if not feature or feature in features]
+    of_output = [name.removeprefix("OUT1_") for name in names if name.startswith("OUT1_")]
+    outputs = range(1, 9 if "outputs" in features else 2)
+    return [name for name in names if not name.startswith("OUT1_")] + [
+        f"OUT{output}_{name}" for output in outputs for name in of_output
+    ]
+
+
+PARAMETERS = documented_parameters("default")
 
 
 def read_all_parameters(client):
@@ -71,28 +79,9 @@ def test_parameters_are_read_until_the_empty_name(bench):
 
 def test_the_parameters_of_features_precede_those_of_the_outputs(bench):
     found = read_all_parameters(bench(elf=node_elf("full", board="uno")).dronecan())
-    features = [
-        "LIGHT_ID", "STATS_RATE", "SAFE_MODE", "OUT_COUNT", "MOT_IDLE", "MOT_TIMEOUT", "PWR_RATE",
-    ]
-    circuit = [
-        "ID",
-        "VOLT_MULT",
-        "VOLT_OFS",
-        "AMP_PERVLT",
-        "AMP_OFFSET",
-        "VOLT_MIN",
-        "VOLT_MAX",
-        "AMP_MAX",
-        "OUT",
-    ]
-    features += [f"PWR1_{name}" for name in circuit]
-    features += ["BATT_RATE", "BATT_ID", "BATT_CAPACITY", "BATT_TEMP"]
-    outputs = [
-        f"OUT{output}_{name}" for output in range(1, 9) for name in [*OUTPUT_PARAMETERS, "TYPE"]
-    ]
-    assert list(found) == NODE_PARAMETERS + features + outputs
+    assert list(found) == documented_parameters("full")
     # Between two pulses there has to be a pause.
-    widths = [f"OUT{output}_{name}" for output in (1, 8) for name in OUTPUT_PARAMETERS[1:4]]
+    widths = [f"OUT{output}_{name}" for output in (1, 8) for name in ("MIN", "TRIM", "MAX")]
     assert {found[name].max_value.integer_value for name in widths} == {2400}
 
 
@@ -168,7 +157,7 @@ def test_five_requests_at_once_are_answered_in_order(bench):
     used = bench(slcan=2)
     client, autopilot = used.dronecan(0, node_id=127), used.dronecan(1, node_id=10)
     autopilot.node.periodic(0.02, lambda: autopilot.command((1, PWM, 1600)))
-    for first in range(0, 25, 5):
+    for first in range(0, len(PARAMETERS), 5):
         answers = []
         for index in range(first, first + 5):
             request = protocol.param.GetSet.Request(index=index)
@@ -181,9 +170,9 @@ def test_five_requests_at_once_are_answered_in_order(bench):
         client.spin_until(lambda: len(answers) == 5 or autopilot.spin(0.01), "five answers")
         assert [index for index, _ in answers] == list(range(first, first + 5))
         assert all(event is not None for _, event in answers), "an answer is missing"
-        assert [str(event.response.name) for _, event in answers] == [*PARAMETERS, ""][
-            first : first + 5
-        ]
+        # Beyond the last parameter the name is empty.
+        expected = [*PARAMETERS, *[""] * 5][first : first + 5]
+        assert [str(event.response.name) for _, event in answers] == expected
     assert used.pulse_us() == 1600
 
 

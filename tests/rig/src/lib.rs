@@ -1,10 +1,12 @@
 //! The rig of the black-box tests: the shipped ELF on one or more simulated boards, and a second
 //! node, the peer, on the same bus.
 //!
-//! Tests write out the protocol's numbers or take them from the simulator, never from the firmware.
-//! [`manage`] is the node's client, [`status`] has the numbers in its status, [`load`] and
-//! [`flood`] load its bus, and [`profile`] and [`queue`] look into the running program.
+//! Tests write out the protocol's numbers or take them from the simulator or from a page of docs,
+//! never from the firmware. [`documented`] has its parameters, [`manage`] is its client, [`status`]
+//! has the numbers in its status, [`load`] and [`flood`] load its bus, and [`profile`] and
+//! [`queue`] look into the running program.
 
+pub mod documented;
 pub mod faults;
 pub mod flood;
 pub mod load;

@@ -1,90 +1,12 @@
 //! The rig as a management tool: sends requests to the node and reads its answers.
 
-use super::{MS, NODE, Rig, board, has_all_features, parse_frames};
+use super::{MS, NODE, Rig, parse_frames};
 use bench::Cycles;
 use bench::can::{Frame, Id};
 use bench::dronecan::{
     CanId, Message, NodeId, NodeInfo, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC,
     TransferId, Value, frames,
 };
-
-/// The parameters of the default preset before those of the output, without CAN_BAUDRATE, in order:
-/// name, default, minimum and maximum (docs/parameters.md).
-const OF_DEFAULT: [(&str, i64, i64, i64); 15] = [
-    ("CAN_NODE", 120, 0, 125),
-    ("OUT_RATE", 50, 50, 333),
-    ("TEMP_RATE", 1, 0, 50),
-    ("TEMP_ID", 1, 0, 65_535),
-    ("TEMP_SENSOR", 1, 0, 2),
-    ("TEMP_REF", 0, 0, 1),
-    ("TEMP_OFFSET", 0, -500, 1500),
-    ("TEMP_SLOPE", 100, 10, 500),
-    ("TEMP_MIN", -40, -55, 150),
-    ("TEMP_MAX", 85, -55, 150),
-    ("WARN_MASK", 0x1BF7, 0, 65_535),
-    ("ERROR_MASK", 0x0400, 0, 65_535),
-    ("CRIT_MASK", 0x2000, 0, 65_535),
-    ("ARM_REQ", 0, 0, 1),
-    ("TELEM_RATE", 10, 0, 50),
-];
-/// The parameters that follow in the preset "full", before those of the outputs.
-const OF_FULL: [(&str, i64, i64, i64); 20] = [
-    ("LIGHT_ID", 0, 0, 255),
-    ("STATS_RATE", 0, 0, 10),
-    ("SAFE_MODE", 1, 0, 1),
-    ("OUT_COUNT", 1, 1, 8),
-    ("MOT_IDLE", 1, 0, 1),
-    ("MOT_TIMEOUT", 200, 50, 10_000),
-    ("PWR_RATE", 0, 0, 50),
-    ("PWR1_ID", 1, 0, 65_535),
-    ("PWR1_VOLT_MULT", 1000, 100, 65_535),
-    ("PWR1_VOLT_OFS", 0, -1000, 1000),
-    ("PWR1_AMP_PERVLT", 1000, 1, 65_535),
-    ("PWR1_AMP_OFFSET", 0, -1000, 5000),
-    ("PWR1_VOLT_MIN", 0, 0, 65_535),
-    ("PWR1_VOLT_MAX", 0, 0, 65_535),
-    ("PWR1_AMP_MAX", 0, 0, 32_767),
-    ("PWR1_OUT", 0, 0, 8),
-    ("BATT_RATE", 0, 0, 10),
-    ("BATT_ID", 0, 0, 255),
-    ("BATT_CAPACITY", 0, 0, 65_535),
-    ("BATT_TEMP", 0, 0, 1),
-];
-
-/// The parameters of an output, whose pulses are at most `longest_us` long. OUTn_TYPE is that of
-/// the preset "full".
-fn of_output(output: i64, longest_us: i64) -> [(&'static str, i64, i64, i64); 10] {
-    let parameter = |name: &str, default, least, greatest| {
-        let name: &str = format!("OUT{output}_{name}").leak();
-        (name, default, least, greatest)
-    };
-    [
-        parameter("ID", output, 0, 255),
-        parameter("MIN", 1000, 500, longest_us),
-        parameter("TRIM", 1500, 500, longest_us),
-        parameter("MAX", 2000, 500, longest_us),
-        parameter("REVERSED", 0, 0, 1),
-        parameter("RANGE", 90, 10, 360),
-        parameter("TIMEOUT", 1000, 0, 10_000),
-        parameter("FS", 0, 0, 3),
-        parameter("FS_PWM", 1500, 500, longest_us),
-        parameter("TYPE", 0, 0, 1),
-    ]
-}
-
-/// The parameters of the preset of the board's chip, in order: name, default, minimum and maximum.
-pub fn parameters() -> Vec<(&'static str, i64, i64, i64)> {
-    let highest = board().fastest_bit_rate().into();
-    let mut all = OF_DEFAULT.to_vec();
-    all.insert(1, ("CAN_BAUDRATE", highest, 125_000, highest));
-    if has_all_features() {
-        all.extend(OF_FULL);
-        all.extend((1..=8).flat_map(|output| of_output(output, 2400)));
-    } else {
-        all.extend(&of_output(1, 2500)[..9]);
-    }
-    all
-}
 
 /// Node ID of the tool.
 pub const TOOL: u8 = 127;

@@ -17,7 +17,7 @@ mod others;
 use std::collections::BTreeMap;
 use std::fmt;
 
-use crate::manage::parameters;
+use crate::documented::parameters;
 use crate::status::{BROWN_OUT, RESET, TRANSFER_ERRORS, WATCHDOG};
 use crate::{
     ARRAY_COMMAND, MS, NODE_STATUS, Rig, US, array_command, has_all_features, started,
