@@ -1,10 +1,33 @@
-//! The vendor-specific status code in words.
+//! The vendor-specific status code: its bits, and what they mean in words.
 //!
 //! docs/status.md defines the code of this project's firmware. The codes of other programs have
 //! other meanings, so the views show words only for programs with the ELF section `.board`.
 
-/// Bits 0 to 2 of the code: the fault that caused the last reset, as a number.
-const RESET: u16 = 0b111;
+/// Bits 0 to 2 of the code: the fault that caused the last reset, one of the numbers below.
+pub const RESET: u16 = 0b111;
+pub const WATCHDOG: u16 = 1;
+pub const BROWN_OUT: u16 = 2;
+pub const PANIC: u16 = 3;
+pub const STRAY_INTERRUPT: u16 = 4;
+pub const STACK_COLLISION: u16 = 5;
+
+/// The other bits.
+pub const TRANSFER_ERRORS: u16 = 1 << 3;
+pub const ID_CONFLICT: u16 = 1 << 4;
+pub const FRAMES_LOST: u16 = 1 << 5;
+pub const ERROR_PASSIVE: u16 = 1 << 6;
+pub const BUS_OFF: u16 = 1 << 7;
+/// The node restarted the controller, or dropped a frame that it could not send.
+pub const CONTROLLER: u16 = 1 << 8;
+pub const TWO_COMMANDERS: u16 = 1 << 9;
+pub const FAILSAFE: u16 = 1 << 10;
+/// The temperature is out of range, or the sensor is open or shorted.
+pub const TEMPERATURE: u16 = 1 << 11;
+/// The voltage or the current of the circuit is out of range.
+pub const POWER: u16 = 1 << 12;
+pub const PARAMETERS_LOST: u16 = 1 << 13;
+pub const DISARMED: u16 = 1 << 14;
+pub const DRAFT: u16 = 1 << 15;
 
 /// The fault for each number in the bits `RESET`. 0 is no fault; 6 and 7 have no meaning yet.
 const RESETS: [Option<&str>; 8] = [
@@ -20,19 +43,19 @@ const RESETS: [Option<&str>; 8] = [
 
 /// The condition of each other bit.
 const CONDITIONS: [(u16, &str); 13] = [
-    (1 << 3, "transfer errors"),
-    (1 << 4, "node ID conflict"),
-    (1 << 5, "frames lost"),
-    (1 << 6, "error-passive"),
-    (1 << 7, "bus-off"),
-    (1 << 8, "controller restarted or sending given up"),
-    (1 << 9, "two commanders"),
-    (1 << 10, "failsafe"),
-    (1 << 11, "temperature"),
-    (1 << 12, "power"),
-    (1 << 13, "parameters lost"),
-    (1 << 14, "disarmed or safe"),
-    (1 << 15, "speaks the draft"),
+    (TRANSFER_ERRORS, "transfer errors"),
+    (ID_CONFLICT, "node ID conflict"),
+    (FRAMES_LOST, "frames lost"),
+    (ERROR_PASSIVE, "error-passive"),
+    (BUS_OFF, "bus-off"),
+    (CONTROLLER, "controller restarted or sending given up"),
+    (TWO_COMMANDERS, "two commanders"),
+    (FAILSAFE, "failsafe"),
+    (TEMPERATURE, "temperature"),
+    (POWER, "power"),
+    (PARAMETERS_LOST, "parameters lost"),
+    (DISARMED, "disarmed or safe"),
+    (DRAFT, "speaks the draft"),
 ];
 
 /// The conditions in `code`, a text each; none for code 0.
@@ -58,32 +81,14 @@ mod tests {
         assert!(conditions(0).is_empty());
     }
 
-    /// The row of each bit in docs/status.md contains a word of the bit's text.
+    /// The row of each bit in docs/status.md has its code and the first word of its text.
     #[test]
     fn the_texts_agree_with_the_document() {
         let document = include_str!("../../../docs/status.md").to_lowercase();
-        let words = [
-            "transfer",
-            "node",
-            "frames",
-            "error-passive",
-            "bus-off",
-            "controller",
-            "two",
-            "failsafe",
-            "temperature",
-            "",
-            "parameters",
-            "safe",
-            "draft",
-        ];
-        for (bit, word) in (3..).zip(words) {
-            let start = format!("| {bit} |");
-            let row = document
-                .lines()
-                .find(|line| line.starts_with(&start))
-                .expect("each bit has its row");
-            assert!(row.contains(word) && conditions(1 << bit)[0].contains(word), "{word}: {row}");
+        for (code, text) in CONDITIONS {
+            let start = format!("| {} | `{code:#06x}` |", code.trailing_zeros());
+            let row = document.lines().find(|line| line.starts_with(&start)).expect(text);
+            assert!(row.contains(text.split(' ').next().expect("a word")), "{text}: {row}");
         }
     }
 
