@@ -7,16 +7,10 @@ use bench::can::Frame;
 use bench::dronecan::{Message, NumberAndText, ParameterRequest, TransferId, Value, split, types};
 use bench::{Cycles, Noise, bootloader};
 use rig::{
-    ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, Program, RAW_COMMAND, Rig, SAFETY_STATE, US,
-    array_command,
+    ARMED, ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, NOT_ARMED, NOT_SAFE, PWM, Program,
+    RAW_COMMAND, Rig, SAFE, SAFETY_STATE, US, array_command,
 };
 
-const ARMED: u8 = 255;
-const DISARMED: u8 = 0;
-const SAFE: u8 = 0;
-const NOT_SAFE: u8 = 255;
-
-const PWM: u8 = 4;
 /// The autopilot, and another node.
 const AUTOPILOT: u32 = 10;
 const OTHER: u32 = 13;
@@ -175,7 +169,7 @@ fn another_commander_s_statuses_do_not_stop_the_motors_of_the_autopilot() {
         slot += 1;
         hub.position(11, 7, 1300.0);
         if slot % 25 == 0 {
-            hub.send(ARMING_STATUS | 11, &[DISARMED]);
+            hub.send(ARMING_STATUS | 11, &[NOT_ARMED]);
         }
     });
     hub.assert_motors_run();
@@ -192,7 +186,7 @@ fn a_node_whose_commands_are_refused_may_not_turn_the_safety_switch_on() {
         hub.raw_command(OTHER, &[8191; 4]);
         hub.send(SAFETY_STATE | OTHER, &[SAFE]);
         hub.raw_command(OTHER, &[8191; 4]);
-        hub.send(ARMING_STATUS | OTHER, &[DISARMED]);
+        hub.send(ARMING_STATUS | OTHER, &[NOT_ARMED]);
     });
     hub.assert_motors_run();
     // The autopilot may.
@@ -364,7 +358,7 @@ fn a_change_of_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
         let before = hub.rig.get(name);
         let answer = hub.rig.request_value(name, Value::Integer(value));
         assert_eq!(answer, Value::Integer(before), "{name} while armed");
-        hub.send(ARMING_STATUS | AUTOPILOT, &[DISARMED]);
+        hub.send(ARMING_STATUS | AUTOPILOT, &[NOT_ARMED]);
         assert_eq!(hub.widths_us()[4], Some(1200.0), "{name}");
         hub.rig.set(name, value);
         assert_eq!(hub.widths_us()[4], None, "{name}");

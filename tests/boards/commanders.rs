@@ -2,9 +2,7 @@
 
 use bench::can::Frame;
 use rig::status::{DISARMED, OK, TWO_COMMANDERS, WARNING};
-use rig::{ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, Rig, array_command};
-
-const PWM: u8 = 4;
+use rig::{ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, PWM, Rig, array_command};
 
 /// A command in one frame from node `source`.
 fn command_from(rig: &mut Rig, source: u32, actuator: u8, value: f32) {

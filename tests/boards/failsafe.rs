@@ -4,14 +4,12 @@
 use bench::dronecan::{Message, ParameterRequest};
 use rig::manage::ms_between;
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
-use rig::{ARRAY_COMMAND, MS, Rig};
+use rig::{ARMED, ARRAY_COMMAND, MS, Rig};
 
 const HOLD: i64 = 0;
 const TRIM: i64 = 1;
 const PULSE: i64 = 2;
 const OFF: i64 = 3;
-
-const ARMED: u8 = 255;
 
 /// A node with this failsafe, whose servo is at 1750 us.
 fn moving(mode: i64, timeout_ms: i64) -> Rig {

@@ -3,13 +3,9 @@
 //! each chip.
 
 use bench::Bench;
-use bench::Cycles;
 use bench::avr::{Avr, Firmware, ResetCause};
 use bench::board::Board;
-use rig::Program;
-
-/// CPU cycles in a millisecond.
-const MS: Cycles = 16_000;
+use rig::{MS, Program};
 
 /// Position of the ID in the EEPROM (docs/parameters.md): 16 bytes, followed by their CRC and a
 /// marker.

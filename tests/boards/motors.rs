@@ -6,16 +6,12 @@ use std::sync::OnceLock;
 use bench::dronecan::{TransferId, Value, split};
 use rig::load::{Client, Kind, Load, Loaded, Pace, SENDER};
 use rig::status::{ERROR, FAILSAFE, OK};
-use rig::{Program, Rig};
+use rig::{ARMED, ARMING_STATUS, PWM, Program, RAW_COMMAND, Rig};
 
 const PROGRAM: Program = Program::Full;
 
-/// uavcan.equipment.esc.RawCommand with priority 7, of node 10.
-const RAW_COMMAND: u32 = 0x0704_060A;
+/// uavcan.equipment.esc.RawCommand.
 const SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
-const ARMING_STATUS: u32 = 0x1804_4C0A;
-const ARMED: u8 = 255;
-const PWM: u8 = 4;
 
 /// EEPROM of a node whose outputs 1 to 4 are servos, and 5 to 8 motors with the indices 0 to 3.
 fn eeprom() -> &'static [u8] {
@@ -62,7 +58,7 @@ impl Motors {
 
     fn command(&mut self, commands: &[i16]) {
         for data in frames(commands, self.transfer_id) {
-            self.rig.send(RAW_COMMAND, &data);
+            self.rig.send(RAW_COMMAND | SENDER, &data);
         }
         self.transfer_id = (self.transfer_id + 1) % 32;
     }
@@ -70,7 +66,7 @@ impl Motors {
     fn arm(&mut self, status: u8) {
         // From the autopilot, which is the commander.
         self.rig.send_status_from(10);
-        self.rig.send(ARMING_STATUS, &[status, 0xC0]);
+        self.rig.send(ARMING_STATUS | SENDER, &[status, 0xC0]);
         self.rig.run_ms(5);
     }
 
@@ -153,7 +149,7 @@ fn an_array_command_between_the_frames_of_a_raw_command_breaks_neither() {
     assert!(ours.len() > 2 && others.len() > ours.len());
     for (n, theirs) in others.iter().enumerate() {
         if let Some(data) = ours.get(n) {
-            node.rig.send(RAW_COMMAND, data);
+            node.rig.send(RAW_COMMAND | SENDER, data);
         }
         node.rig.send(0x1003_F20A, theirs);
     }
@@ -252,7 +248,7 @@ fn of_2000_raw_commands_for_eight_motors_a_second_no_frame_is_lost() {
     let load = Load { kind: Kind::RawCommand, priority: 31, pace: Pace::Every(16_000_000 / 6000) };
     let mut loaded = Loaded::with_rig(PROGRAM.running_with(eeprom()), Some(load), Client::Walking);
     for _ in 0..8 {
-        loaded.rig.send(ARMING_STATUS & !0xFF | SENDER, &[ARMED, 0xC0]);
+        loaded.rig.send(ARMING_STATUS | SENDER, &[ARMED, 0xC0]);
         loaded.run_ms(250);
     }
     assert_eq!(

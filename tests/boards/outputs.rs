@@ -8,17 +8,17 @@ use bench::autopilot::{Moves, Profile, Settings};
 use bench::dronecan::{Message, ParameterRequest, Value};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
 use rig::status::{ERROR, FAILSAFE, OK, TRANSFER_ERRORS};
-use rig::{MS, Program, Rig};
+use rig::{MS, PWM, Program, Rig};
 
 const PROGRAM: Program = Program::Full;
 
 const OUTPUTS: usize = 8;
-const PWM: u8 = 4;
 /// Cycles in a tick of the timers: half a microsecond.
-const TICK: i64 = 8;
+pub const TICK: i64 = 8;
 /// Cycles from the beginning of one output's pulse to that of the next output's: 2.5 ms.
-const SLOT: i64 = 40_000;
-const PERIOD: i64 = 20 * MS as i64;
+pub const SLOT: i64 = 40_000;
+/// Cycles in a period of the pulses: 20 ms.
+pub const PERIOD: i64 = 20 * MS as i64;
 
 /// EEPROM of a hub that uses all outputs.
 fn hub_eeprom() -> &'static [u8] {

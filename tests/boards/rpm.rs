@@ -4,21 +4,16 @@
 use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
+use crate::outputs::{PERIOD, SLOT, TICK};
 use bench::dronecan::{Message, Rpm};
 use bench::{Cycles, F_CPU_HZ};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
-use rig::{MS, Program, Rig};
+use rig::{Program, Rig};
 
 const PROGRAM: Program = Program::With("rpm");
 
 /// The highest rate of pulses that can be counted, in hertz.
 const HIGHEST_HZ: f64 = 3900.0;
-
-/// Of the outputs: cycles in a tick of the timer, from one output's pulse to that of the next, and
-/// in a period.
-const TICK: i64 = 8;
-const SLOT: i64 = 40_000;
-const PERIOD: i64 = 20 * MS as i64;
 
 /// Rate of the messages, in hertz.
 const RATE: i64 = 20;

@@ -2,20 +2,15 @@
 //! firmwares with the feature `safety`.
 
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
-use rig::{MS, Program, Rig};
+use rig::{ARMED, MS, Program, Rig, SAFE, SAFETY_STATE};
 
 const PROGRAM: Program = Program::Full;
-
-/// ardupilot.indication.SafetyState of node 10.
-const SAFETY_STATE: u32 = 0x104E_200A;
-const SAFE: u8 = 0;
-const ARMED: u8 = 255;
 
 /// Sends a SafetyState twice a second, like ArduPilot.
 fn send_safety_state(rig: &mut Rig, state: u8, ms: u64) {
     let end = rig.now() + ms * MS;
     while rig.now() < end {
-        rig.send(SAFETY_STATE, &[state, 0xC0]);
+        rig.send(SAFETY_STATE | 10, &[state, 0xC0]);
         rig.run_until(end.min(rig.now() + 500 * MS));
     }
 }
@@ -100,7 +95,7 @@ fn without_commands_or_safety_states_the_failsafe_is_unchanged() {
 #[test]
 fn another_node_s_safety_state_is_rejected() {
     let mut rig = PROGRAM.positioned();
-    rig.send(SAFETY_STATE + 1, &[SAFE, 0xC0]);
+    rig.send(SAFETY_STATE | 11, &[SAFE, 0xC0]);
     rig.wait_for_line("refused: type 20000 from 11, wrong sender", 50);
     rig.send_command(1, 0, 0.0);
     assert_eq!(rig.settled_pulse_us(), 1500.0);

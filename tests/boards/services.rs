@@ -3,6 +3,7 @@
 //! pydronecan 1.0.27 made the quoted frames; tests/clients/test_golden.py checks that it still
 //! makes the same.
 
+use crate::support::update_bench::INVALID_MODE;
 use bench::Cycles;
 use bench::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
 use rig::documented::parameters;
@@ -401,7 +402,6 @@ fn a_firmware_update_is_rejected() {
     rig.run_ms(ANSWER_TIMEOUT_MS);
     let (_, number, answer) = rig.answers().remove(0);
     let Message::UpdateBegun(answer) = answer else { panic!("{answer}") };
-    const INVALID_MODE: u8 = 1;
     assert_eq!((number.get(), answer.number), (9, INVALID_MODE));
     // The reason is a text where there is room for it.
     assert_eq!(answer.text.is_empty(), !rig::has_all_features() && !rig::has_preset_remote());

@@ -2,13 +2,10 @@
 
 use std::f32::consts::FRAC_PI_4;
 
-use rig::{ARRAY_COMMAND, MS, Rig};
+use rig::{ARRAY_COMMAND, MS, POSITION, PWM, Rig, UNITLESS};
 
-const UNITLESS: u8 = 0;
-const POSITION: u8 = 1;
 const FORCE: u8 = 2;
 const SPEED: u8 = 3;
-const PWM: u8 = 4;
 
 /// pydronecan's ArrayCommand(1, UNITLESS, 0.5) from node 10.
 #[test]

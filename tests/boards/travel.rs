@@ -3,11 +3,7 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use bench::avr::Pulse;
-use rig::{MS, Rig};
-
-const UNITLESS: u8 = 0;
-const POSITION: u8 = 1;
-const PWM: u8 = 4;
+use rig::{MS, POSITION, PWM, Rig, UNITLESS};
 
 #[track_caller]
 fn assert_follows(rig: &mut Rig, cases: &[(u8, f32, f64)]) {

@@ -7,12 +7,7 @@ use crate::support::update_bench::*;
 use bench::avr::{Firmware, ResetCause};
 use bench::bootloader;
 use bench::dronecan::{Message, NumberAndText};
-use rig::{ARMING_STATUS, Program, Rig, started_with};
-
-/// Errors in the response of BeginFirmwareUpdate.
-const OK: u8 = 0;
-const IN_PROGRESS: u8 = 2;
-const UNKNOWN: u8 = 255;
+use rig::{ARMING_STATUS, NOT_ARMED, PWM, Program, Rig, started_with};
 
 #[test]
 fn a_board_without_a_program_waits_in_the_bootloader_and_answers_get_node_info() {
@@ -303,8 +298,6 @@ fn a_running_program_accepts_an_update_and_starts_the_bootloader() {
 /// period.
 #[track_caller]
 fn assert_updates_shorten_no_pulse(elf: &Path, outputs: u8) {
-    const PWM: u8 = 4;
-    const DISARMED: u8 = 0;
     // The program hands the request over when it polls the controller, each 10 ms. At 50 pulses a
     // second that is at two phases only. At 61 a poll is 0.61 periods after the one before, so 64
     // polls have phases 0.2 to 0.4 ms apart.
@@ -336,7 +329,7 @@ fn assert_updates_shorten_no_pulse(elf: &Path, outputs: u8) {
         rig.send_commands(&commands);
         rig.run_ms(2);
         // The vehicle is disarmed, so the node accepts an update at once.
-        rig.send(ARMING_STATUS | 10, &[DISARMED, 0xC0 | (round % 32) as u8]);
+        rig.send(ARMING_STATUS | 10, &[NOT_ARMED, 0xC0 | (round % 32) as u8]);
         rig.run_ms(40 + round * POLL_MS);
         let request = NumberAndText { number: 0, text: b"fw.bin".to_vec() };
         rig.request(&Message::BeginUpdate(request));
@@ -374,7 +367,6 @@ fn an_update_shortens_no_pulse_of_several_outputs_whatever_its_phase() {
 
 #[test]
 fn a_program_in_use_rejects_an_update_with_a_reason() {
-    const INVALID_MODE: u8 = 1;
     const IN_USE: &[u8] = b"armed, or a command in the last 2 s";
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);

@@ -2,10 +2,6 @@
 
 use crate::support::update_bench::*;
 
-/// Errors in the response of BeginFirmwareUpdate.
-const OK: u8 = 0;
-const IN_PROGRESS: u8 = 2;
-
 /// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name
 /// and hardware version fit its file, or whose name is empty. After an OK it does not send it
 /// again, but continues to send GetNodeInfo to nodes that restart.

@@ -13,11 +13,9 @@ use bench::can::{Event, Frame, Id, SoftNode};
 use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
 use bench::wiring::Wiring;
 use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start};
+use rig::MS;
 
 pub use super::update_files::*;
-
-/// CPU cycles in a millisecond.
-const MS: u64 = 16_000;
 
 /// Node IDs: of a node without a record in EEPROM, and of the server.
 pub const NODE: u8 = 120;
@@ -31,6 +29,11 @@ pub const FILE_READ: u8 = 48;
 
 pub const MAINTENANCE: u8 = 2;
 pub const SOFTWARE_UPDATE: u8 = 3;
+/// Errors in the response of BeginFirmwareUpdate.
+pub const OK: u8 = 0;
+pub const INVALID_MODE: u8 = 1;
+pub const IN_PROGRESS: u8 = 2;
+pub const UNKNOWN: u8 = 255;
 pub const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
 /// Address of the header in a program: hardware major, minor, software major, minor, length.

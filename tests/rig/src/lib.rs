@@ -45,6 +45,8 @@ pub use program::{Program, has_all_features};
 pub const MS: Cycles = 16_000;
 /// CPU cycles in a microsecond.
 pub const US: Cycles = 16;
+/// CPU cycles from one pulse of an output to the next with the default of OUT_RATE.
+pub const SERVO_PERIOD: Cycles = 20 * MS;
 
 /// Node ID of the node under test.
 pub const NODE: u32 = 120;
@@ -66,6 +68,19 @@ pub const RAW_COMMAND: u32 = 0x0704_0600;
 pub const ARMING_STATUS: u32 = 0x1804_4C00;
 pub const SAFETY_STATE: u32 = 0x104E_2000;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
+
+/// Types of a command in an ArrayCommand: a share of the travel from -1 to 1, an angle in radians,
+/// and a pulse width in microseconds.
+pub const UNITLESS: u8 = 0;
+pub const POSITION: u8 = 1;
+pub const PWM: u8 = 4;
+
+/// Values of ArmingStatus.
+pub const ARMED: u8 = 255;
+pub const NOT_ARMED: u8 = 0;
+/// Values of SafetyState: the safety switch is on, and off.
+pub const SAFE: u8 = 0;
+pub const NOT_SAFE: u8 = 255;
 
 /// The board under test: `NODE_BOARD` and `NODE_SHIELD` name it; else it is the default of
 /// avr-specs/boards.toml.

@@ -17,10 +17,10 @@ use bounds::chip::INTERRUPTS;
 use bounds::report::Report;
 use bounds::times::Times;
 
+use crate::profile::VECTORS_END;
+
 /// Cycles of the core's response to an interrupt.
 const RESPONSE: Cycles = 4;
-/// End of the interrupt vectors, a byte address.
-const VECTORS_END: u32 = 0x68;
 const RETI: u16 = 0x9518;
 
 /// A stretch with an interrupt blocked: what is blocked, as `bounds` names it, and the addresses of

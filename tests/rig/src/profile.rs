@@ -16,7 +16,7 @@ const WDR: u16 = 0x95A8;
 /// Turns of which [`Profile::recent`] tells.
 const RECENT: usize = 12;
 /// End of the interrupt vectors, a byte address.
-const VECTORS_END: u32 = 0x68;
+pub(crate) const VECTORS_END: u32 = 0x68;
 
 /// A call that has not returned.
 #[derive(Clone, Copy, Debug)]

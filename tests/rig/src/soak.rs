@@ -20,8 +20,8 @@ use std::fmt;
 use crate::documented::parameters;
 use crate::status::{BROWN_OUT, RESET, TRANSFER_ERRORS, WATCHDOG};
 use crate::{
-    ARRAY_COMMAND, MS, NODE_STATUS, Rig, US, array_command, has_all_features, started,
-    status_fields,
+    ARRAY_COMMAND, MS, NODE_STATUS, Rig, SERVO_PERIOD, US, array_command, has_all_features,
+    started, status_fields,
 };
 use bench::Cycles;
 use bench::Noise;
@@ -37,7 +37,6 @@ pub const RECOVERY_LIMIT_MS: u64 = 1000;
 
 /// Time between two commands.
 const SLOT_MS: u64 = 20;
-const SERVO_PERIOD: Cycles = 20 * MS;
 /// Pulse width of the failsafe. No command asks for it.
 const FAILSAFE_US: f64 = 1500.0;
 /// Time after which the status no longer reports the conditions of a fault.

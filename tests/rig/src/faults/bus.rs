@@ -3,7 +3,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use super::{BUS_LIMIT_MS, Case, Measured, Trial};
+use super::{BUS_LIMIT_MS, Case, FAILSAFE, Measured, Trial};
 use crate::status::{BUS_OFF, CONTROLLER, ERROR_PASSIVE};
 use crate::{MS, Rig, board, started};
 use bench::can::{Fault, Frame, SoftNode};
@@ -26,8 +26,6 @@ pub const ALL: [&Case; 13] = [
     &BROKEN_WHILE_STARTING,
     &OWN_RATE_WRONG,
 ];
-
-const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 
 /// Runs a case whose fault lasts [`LASTS_MS`].
 fn during(fault: fn(&mut Rig, bool), line: &'static str, reported: u16) -> Measured {

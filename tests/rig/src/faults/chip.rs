@@ -1,6 +1,6 @@
 //! Faults of the CAN controller and of its wires.
 
-use super::{CHIP_LOGGED_LIMIT_MS, Case, Measured, Trial};
+use super::{CHIP_LOGGED_LIMIT_MS, Case, FAILSAFE, Measured, Trial};
 use crate::Rig;
 use crate::status::CONTROLLER;
 
@@ -31,7 +31,6 @@ pub const ALL: [&Case; 12] = [
 ];
 
 const LOST: &str = "CAN: MCP2515 lost its settings";
-const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 const STAYS: &str = "holds its position; the fault is over before the failsafe";
 const STARTED_OVER: &str = "restarted, each register read back";
 

@@ -12,7 +12,7 @@ pub mod input;
 pub mod page;
 pub mod processor;
 
-use crate::{MS, NODE, Rig, has_all_features, started};
+use crate::{MS, NODE, Rig, SERVO_PERIOD, has_all_features, started};
 use bench::Cycles;
 use bench::can::Id;
 use bench::dronecan::{CanStats, Message};
@@ -24,8 +24,9 @@ pub const CHIP_LOGGED_LIMIT_MS: u64 = 100;
 
 pub const COMMANDED_US: f64 = 1750.0;
 pub const FAILSAFE_US: f64 = 1500.0;
+/// What the servo does in a fault, as the page says it.
+const FAILSAFE: &str = "failsafe after `OUT1_TIMEOUT`";
 const AFTERWARDS_US: f64 = 1250.0;
-const SERVO_PERIOD: Cycles = 20 * MS;
 
 /// One fault.
 pub struct Case {

@@ -9,7 +9,7 @@ use bench::dronecan::types::{self, DataType};
 use bench::dronecan::{NodeId, TransferId, split};
 use bench::{Cycles, Noise};
 
-use super::super::{MS, SERVO_COMMAND};
+use super::super::{ARMED, MS, NOT_SAFE, SERVO_COMMAND};
 use super::setup::{Preset, Setup};
 use super::values::{Recent, STOPPED, Unit};
 
@@ -19,9 +19,6 @@ pub const SENDERS: [u8; 2] = [20, 21];
 const ELSEWHERE: u64 = 100;
 /// Time between two ArmingStatus, which motors need.
 const ARMING_PERIOD: Cycles = 500 * MS;
-/// ArmingStatus: armed. SafetyState: the switch is off.
-const ARMED: u8 = 255;
-const NOT_SAFE: u8 = 255;
 /// Time between two commands for each output that is not flooded.
 const TRICKLE_PERIOD: Cycles = 20 * MS;
 

@@ -19,8 +19,8 @@ use bench::dronecan::{Message, TransferId, Value, split, types};
 
 use super::{FAILSAFE_US, SERVO_PERIOD, SLOT_MS, Soak};
 use crate::{
-    ARMING_STATUS, ARRAY_COMMAND, MS, RAW_COMMAND, Rig, SAFETY_STATE, US, array_command,
-    has_all_features,
+    ARMED, ARMING_STATUS, ARRAY_COMMAND, MS, NOT_ARMED, PWM, RAW_COMMAND, Rig, SAFE, SAFETY_STATE,
+    US, array_command, has_all_features,
 };
 
 const AUTOPILOT: u32 = 10;
@@ -31,12 +31,6 @@ const STRANGER: u32 = 14;
 /// The highest of these node IDs.
 pub(super) const LAST: u32 = STRANGER;
 
-/// ArmingStatus and SafetyState.
-const FULLY_ARMED: u8 = 255;
-const DISARMED: u8 = 0;
-const SAFE: u8 = 0;
-
-const PWM: u8 = 4;
 /// The most entries of an ArrayCommand.
 const MOST_ENTRIES: u64 = 15;
 /// The first actuator ID that no output has.
@@ -234,7 +228,7 @@ impl Soak {
 
     /// The autopilot says if the vehicle is armed.
     pub(super) fn send_arming(&mut self) {
-        let status = if self.others.is_armed { FULLY_ARMED } else { DISARMED };
+        let status = if self.others.is_armed { ARMED } else { NOT_ARMED };
         self.send_one(ARMING_STATUS | AUTOPILOT, &[status]);
     }
 
@@ -268,7 +262,7 @@ impl Soak {
         self.send_list(STRANGER, now + 900 * US, 0, &nan);
         self.others.rejected += 1;
         if self.slot.is_multiple_of(50) {
-            self.send_one(ARMING_STATUS | STRANGER, &[DISARMED]);
+            self.send_one(ARMING_STATUS | STRANGER, &[NOT_ARMED]);
             self.others.rejected += 1;
             if has_all_features() {
                 self.send_one(SAFETY_STATE | STRANGER, &[SAFE]);
