@@ -455,6 +455,12 @@ class Bench:
         )
         return text
 
+    def upload(self):
+        """Uploads the firmware through the serial port, as Arduino's IDE does."""
+        port = ["-c", "arduino", "-p", "m168", "-P", self.serial, "-b", "19200"]
+        text = self.run("avrdude", *port, "-D", "-U", f"flash:w:{node_elf()}:e")
+        assert re.search(r"bytes of flash verified", text), text
+
     def end(self):
         """Ends the simulation with Ctrl-C. Returns its exit code."""
         if self.exit_code is None:

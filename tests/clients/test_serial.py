@@ -51,21 +51,7 @@ def test_opening_the_port_resets_the_board(bench):
 
 def test_avrdude_uploads_through_the_original_bootloader(empty_board):
     used = empty_board
-    line = [
-        "-c",
-        "arduino",
-        "-p",
-        "m168",
-        "-P",
-        used.serial,
-        "-b",
-        "19200",
-        "-D",
-        "-U",
-        f"flash:w:{node_elf()}:e",
-    ]
-    text = used.run("avrdude", *line)
-    assert re.search(r"bytes of flash verified", text), text
+    used.upload()
     # The node runs if it sends on the bus.
     used.dronecan().wait_for(uavcan.protocol.NodeStatus)
 

@@ -63,23 +63,8 @@ def test_pydronecan_s_file_server_updates_a_node_in_its_bootloader(empty_board):
 
 
 def test_avrdude_uploads_through_our_bootloader_and_the_bus_works_then(empty_board):
-    used = empty_board
-    line = [
-        "-c",
-        "arduino",
-        "-p",
-        "m168",
-        "-P",
-        used.serial,
-        "-b",
-        "19200",
-        "-D",
-        "-U",
-        f"flash:w:{node_elf()}:e",
-    ]
-    text = used.run("avrdude", *line)
-    assert re.search(r"bytes of flash verified", text), text
-    client = used.dronecan()
+    empty_board.upload()
+    client = empty_board.dronecan()
     client.spin_until(
         lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL,
         "program",
@@ -101,19 +86,15 @@ def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_are_
     assert client.get("OUT1_MIN") == 1234
 
 
-def node_update(used, *words, node=NODE, file=None, code=0, slcan=0):
-    """Runs node-update. Returns its output."""
+def start_node_update(used, *words, node=NODE, file=None, slcan=0):
     file = file or node_elf("remote").with_suffix(".bin")
-    line = [
-        project_program("node-update"),
-        file,
-        "--bus",
-        f"slcan:{used.slcan[slcan]}",
-        "--node",
-        node,
-        *words,
-    ]
-    process = used.start(*line)
+    bus = f"slcan:{used.slcan[slcan]}"
+    return used.start(project_program("node-update"), file, "--bus", bus, "--node", node, *words)
+
+
+def node_update(used, *words, code=0, **options):
+    """Runs node-update. Returns its output."""
+    process = start_node_update(used, *words, **options)
     text = process.communicate(timeout=90)[0].decode(errors="replace")
     assert process.returncode == code, text
     return text
@@ -136,15 +117,7 @@ def test_node_update_prints_why_a_node_in_use_rejects_an_update(remote_board):
     message = uavcan.equipment.safety.ArmingStatus(status=255)
     handle = client.node.periodic(0.2, lambda: client.node.broadcast(message))
     client.spin(0.5)
-    line = [
-        project_program("node-update"),
-        node_elf("remote").with_suffix(".bin"),
-        "--bus",
-        f"slcan:{remote_board.slcan[0]}",
-        "--node",
-        NODE,
-    ]
-    process = remote_board.start(*line)
+    process = start_node_update(remote_board)
     client.spin_until(lambda: process.poll() is not None, "end of the program")
     handle.remove()
     text = process.communicate()[0].decode()
@@ -164,15 +137,7 @@ def test_wrong_nodes_and_wrong_files_are_rejected_with_a_remedy(remote_board, tm
 
 
 def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
-    line = [
-        project_program("node-update"),
-        node_elf("remote").with_suffix(".bin"),
-        "--bus",
-        f"slcan:{remote_board.slcan[0]}",
-        "--node",
-        NODE,
-    ]
-    process = remote_board.start(*line)
+    process = start_node_update(remote_board)
     for text in iter(process.stdout.readline, b""):
         if re.match(rb"node 120: reading, [1-9]", text):
             break
@@ -211,9 +176,7 @@ def test_node_update_takes_an_id_that_no_other_node_has(remote_board):
     client = remote_board.dronecan(adapter=1, node_id=126)
     others = []
     client.node.add_handler(NodeStatus, lambda event: others.append(event.transfer.source_node_id))
-    file, bus = node_elf("remote").with_suffix(".bin"), f"slcan:{remote_board.slcan[0]}"
-    line = [project_program("node-update"), file, "--bus", bus, "--node", NODE]
-    process = remote_board.start(*line)
+    process = start_node_update(remote_board)
     client.spin_until(lambda: process.poll() is not None, "end of the program", timeout=60)
     assert process.returncode == 0, process.communicate()[0]
     assert set(others) >= {NODE, 127} and 125 not in others and 126 not in others, others
