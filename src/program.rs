@@ -14,11 +14,11 @@ use crate::monitor::{self, Monitor, TextsAndNames};
 use crate::node::Node;
 use crate::node::acceptance::{Filters, NodeAcceptance};
 use crate::node::agenda::{Agenda, Facts, Turn};
+use crate::node::trust::{Receiver, Trust};
 use crate::parts::outputs::Pulses;
 use crate::progmem::Progmem;
 use crate::tables::condition::ResetCause;
 use crate::tables::parameters::{Descriptions, Parameter, Parameters};
-use crate::tables::wire::Receiver;
 use crate::tables::{Constants, bit_rate};
 
 /// The flash with all tables of the program.
@@ -160,7 +160,7 @@ impl Program {
     pub const fn new() -> Self {
         Self {
             node: Node::new(),
-            receiver: Receiver::new(),
+            receiver: Receiver::with_policy(Trust::NONE),
             monitor: Monitor::new(),
             agenda: Agenda::new(),
         }

@@ -36,6 +36,7 @@ pub mod services;
 pub mod store;
 pub mod temperature;
 pub mod thermometer;
+pub mod trust;
 
 use dronecan_wire::{NodeId, Rejection};
 
@@ -60,7 +61,6 @@ use crate::tables::Constants;
 use crate::tables::condition::{Conditions, ResetCause};
 use crate::tables::parameters::{Descriptions, Parameter, Parameters};
 use crate::tables::publication::Publication;
-use crate::tables::wire::Receiver;
 use autopilot::Autopilot;
 use chores::{Chore, Chores};
 use health::{Health, count};
@@ -69,6 +69,7 @@ use publisher::Publisher;
 use services::Services;
 use store::Store;
 use temperature::Temperature;
+use trust::Receiver;
 
 /// The longest time that new filters wait for the end of an outgoing transfer, in seconds. Longer
 /// than a transfer may take.

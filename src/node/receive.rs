@@ -6,6 +6,7 @@ use mcp2515_ordered::Frame;
 
 use super::Node;
 use super::health::count;
+use super::trust::Receiver;
 use crate::dialect;
 use crate::monitor::{Line, Monitor, Words};
 use crate::parts::arming;
@@ -14,7 +15,7 @@ use crate::tables::Constants;
 use crate::tables::condition::Conditions;
 use crate::tables::kind::Kind;
 use crate::tables::publication::Publication;
-use crate::tables::wire::{Receiver, Transfer};
+use crate::tables::wire::Transfer;
 
 /// What else an action on a transfer needs.
 pub struct Context<'a, P> {

@@ -1,6 +1,8 @@
 //! The node's configuration of [`dronecan_wire`]: the number of concurrent transfers, and how many
 //! bytes of each are kept.
 
+use dronecan_wire::CompleteFirst;
+
 use super::kind::Kind;
 use crate::hardware::LANES;
 
@@ -18,8 +20,10 @@ pub const LIST_LANES: usize = LANES;
 /// Requests of several frames that can be received at the same time.
 pub const REQUEST_LANES: usize = LANES;
 
-/// Reassembles received transfers.
-pub type Receiver = dronecan_wire::Receiver<Kind, LIST_LANES, REQUEST_LANES, KEPT>;
+/// Reassembles received transfers. The node has a policy of its own: see
+/// [`node::trust`](crate::node::trust).
+pub type Receiver<P = CompleteFirst> =
+    dronecan_wire::Receiver<Kind, LIST_LANES, REQUEST_LANES, KEPT, P>;
 
 /// A received transfer.
 pub type Transfer = dronecan_wire::Transfer<Kind, KEPT>;

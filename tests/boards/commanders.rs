@@ -160,7 +160,7 @@ fn nodes_that_send_nan_in_each_gap_of_a_commander_s_lists_break_none() {
 }
 
 /// At first the node trusts no sender, and follows one of those that send at the same time, in an
-/// order that changes: see `crates/dronecan-wire/src/receive/trust.rs`.
+/// order that changes: see `src/node/trust.rs`.
 #[test]
 fn a_commander_that_begins_during_an_attack_is_always_followed_after_two_seconds() {
     let mut longest_ms = 0;

@@ -16,5 +16,7 @@ pub mod types;
 
 pub use bits::{Id, Tail};
 pub use node_id::NodeId;
-pub use receive::{Received, Receiver, Rejection, Segment, Slot, Transfer, Verdict};
+pub use receive::{
+    CompleteFirst, Policy, Received, Receiver, Rejection, Segment, Slot, Transfer, Verdict,
+};
 pub use send::{Buffer, Data, Payload, Sender};

@@ -3,8 +3,8 @@
 //! Goals:
 //!
 //! * The receiver returns a transfer only after its last frame, and only if its CRC is right.
-//! * A sender that completes its transfers is received, whatever other nodes begin and do not
-//!   complete.
+//! * A program can decide which sender is received if there are more transfers than lanes: see
+//!   [`Policy`].
 //! * The receiver stores only bytes that the program uses: of a list the entry for this node, of
 //!   any other payload the first `KEPT` bytes.
 //!
@@ -16,13 +16,8 @@
 //!
 //! * Only the first frame of a transfer opens a lane. The transfer takes the sender's own lane,
 //!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
-//! * A transfer keeps its lane for at least 3 ms and at most 4 ms after each frame, unless another
-//!   sender has the better claim: its transfers are complete and have something for this node and
-//!   those of the lane's sender do not, or it precedes that sender in an order of the node IDs
-//!   that changes every 16 ms. See the module `trust`.
-//! * So a sender that commands other nodes, or does not complete its transfers, keeps out no
-//!   sender that commands this node and completes them. Of two that command this node each is
-//!   received half of the time at least.
+//! * A transfer keeps its lane for [`Policy::HOLD_MS`] after each frame, unless another sender has
+//!   the higher [claim](Policy::claim). The receiver itself knows no sender.
 //! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
 //!   the last one. The receiver ignores any other frame that is not a first frame: either it came
 //!   twice, or its transfer was lost and reported before.
@@ -33,14 +28,15 @@
 //! A first frame begins a transfer whatever its transfer ID, as in libcanard. So the receiver
 //! accepts a sender that restarts at once.
 
+mod lanes;
+mod policy;
 mod segment;
 mod transfer;
-mod trust;
 
+use lanes::Lanes;
+pub use policy::{CompleteFirst, Policy};
 pub use segment::{Rejection, Segment, Verdict};
-use transfer::Hold;
 pub use transfer::{Slot, Transfer};
-use trust::Trust;
 
 /// The longest time between two frames of a list (a transfer in a [list
 /// lane](Received::has_own_lanes)), in milliseconds. A list commands something, so a late frame
@@ -170,45 +166,74 @@ pub trait Received: Copy + PartialEq {
 
 /// Reassembles transfers: `LISTS` multi-frame lists and `OTHERS` other multi-frame transfers at the
 /// same time. It keeps `KEPT` bytes of each, which must be enough for the longest entry of a list.
-/// See the [module](self).
-pub struct Receiver<K, const LISTS: usize, const OTHERS: usize, const KEPT: usize> {
-    lists: [Transfer<K, KEPT>; LISTS],
-    others: [Transfer<K, KEPT>; OTHERS],
-    /// The last single-frame transfer.
-    single: Transfer<K, KEPT>,
-    trust: Trust,
+/// `P` decides which sender has a lane. See the [module](self).
+#[derive(Clone)]
+pub struct Receiver<
+    K,
+    const LISTS: usize,
+    const OTHERS: usize,
+    const KEPT: usize,
+    P = CompleteFirst,
+> {
+    lanes: Lanes<K, LISTS, OTHERS, KEPT>,
+    policy: P,
+}
+
+/// Why there is no lane for a frame.
+enum NoLane {
+    /// The frame is ignored.
+    Ignored,
+    /// The frame is dropped.
+    Rejected(Rejection),
 }
 
 impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
     Receiver<K, LISTS, OTHERS, KEPT>
 {
-    /// A receiver without transfers.
+    /// A receiver without transfers, with the policy [`CompleteFirst`].
     pub const fn new() -> Self {
-        Self {
-            lists: [Transfer::NONE; LISTS],
-            others: [Transfer::NONE; OTHERS],
-            single: Transfer::NONE,
-            trust: Trust::NONE,
-        }
+        Self::with_policy(CompleteFirst::NEW)
+    }
+}
+
+impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P: Policy>
+    Receiver<K, LISTS, OTHERS, KEPT, P>
+{
+    /// A receiver without transfers, with a policy of your own.
+    pub const fn with_policy(policy: P) -> Self {
+        Self { lanes: Lanes::EMPTY, policy }
     }
 
     /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so,
     /// and at least every 30 s, because the clock wraps.
     #[inline(always)]
     pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT>> {
-        let mut lanes = self.lists.iter_mut().chain(&mut self.others);
-        let lane =
-            lanes.find(|lane| lane.is_open && (lane.expires_ms.wrapping_sub(now_ms) as i16) < 0)?;
-        lane.is_open = false;
-        self.trust.end(lane.source);
-        Some(lane)
+        let lost = self.lanes.expire(now_ms)?;
+        self.policy.lost(lost.source);
+        Some(lost)
     }
 
     /// The node has no use for a list of this sender, although it has an entry for the node. So its
-    /// next ones take no lane from a sender whose lists the node uses.
+    /// next ones should take no lane from a sender whose lists the node uses: see
+    /// [`Policy::refused`].
     #[inline(always)]
     pub fn refused(&mut self, source: u8) {
-        self.trust.end(source);
+        self.policy.refused(source);
+    }
+
+    /// The policy.
+    pub fn policy(&self) -> &P {
+        &self.policy
+    }
+
+    /// The policy, to change its state.
+    pub fn policy_mut(&mut self) -> &mut P {
+        &mut self.policy
+    }
+
+    /// The lanes of lists. A lane is free if its transfer [is not open](Transfer::is_open).
+    pub fn lists(&self) -> &[Transfer<K, KEPT>; LISTS] {
+        &self.lanes.lists
     }
 
     /// Takes a frame. The entries of a list that begin with `own_id` are for this node. `now_ms` is
@@ -228,136 +253,73 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize>
     #[inline(always)]
     pub fn accept_entries(
         &mut self,
-        segment: Segment<'_, K>,
+        mut segment: Segment<'_, K>,
         slot_of: impl Fn(u8) -> Option<Slot>,
         now_ms: u16,
     ) -> Verdict<'_, K, KEPT> {
-        let Segment { kind, source, priority, tail, mut payload } = segment;
+        let Segment { kind, source, tail, .. } = segment;
         let entry_len = kind.entry_len();
-        let expires_ms;
-        let lane = if tail.is_single() {
-            // The transfer is complete at once.
-            expires_ms = now_ms;
-            Some(&mut self.single)
-        } else if !kind.is_multi_frame() || source == 0 {
-            return Verdict::Rejected(Rejection::Malformed);
-        } else {
-            let (lanes, timeout_ms): (&mut [Transfer<K, KEPT>], u16) = if kind.has_own_lanes() {
-                (&mut self.lists, LIST_FRAME_TIMEOUT_MS)
-            } else {
-                (&mut self.others, FRAME_TIMEOUT_MS)
-            };
-            expires_ms = now_ms.wrapping_add(timeout_ms);
-            lane(lanes, kind, source, tail.is_start(), expires_ms, &self.trust)
+        let Self { lanes, policy } = self;
+        let (lane, expires_ms) = match lanes.find(&segment, policy, now_ms) {
+            Ok(found) => found,
+            Err(NoLane::Ignored) => return Verdict::More,
+            Err(NoLane::Rejected(rejection)) => return Verdict::Rejected(rejection),
         };
         let mut verdict = Verdict::More;
-        let Some(lane) = lane else {
-            // A frame that continues no transfer came twice, or its transfer was lost and reported
-            // before.
-            return verdict;
-        };
         if tail.is_start() {
             if tail.toggle() {
                 return Verdict::Rejected(Rejection::Malformed);
             }
             if !tail.is_end() {
-                let Some((crc, rest)) = payload.split_first_chunk() else {
+                let Some((crc, rest)) = segment.payload.split_first_chunk() else {
                     return Verdict::Rejected(Rejection::Malformed);
                 };
-                payload = rest;
+                segment.payload = rest;
                 if lane.is_open {
-                    let is_its_own = lane.is_of(source, kind);
-                    verdict = Verdict::Rejected(if is_its_own {
+                    let is_same = lane.is_of(source, kind);
+                    verdict = Verdict::Rejected(if is_same {
                         Rejection::Broken
                     } else {
                         Rejection::Interleaved
                     });
-                    if is_its_own || !lane.is_held(expires_ms) {
-                        self.trust.end(lane.source);
-                    } else if self.trust.is_kept(lane.source, source, now_ms) {
+                    if is_same || !lane.is_held(P::HOLD_MS, expires_ms) {
+                        policy.lost(lane.source);
+                    } else if policy.claim(lane.source, now_ms) >= policy.claim(source, now_ms) {
                         return verdict;
                     }
                 }
                 lane.crc = *crc;
                 lane.sum = kind.seed();
             }
-            lane.begin(kind, source, priority);
-            // A single-frame transfer is complete at once.
-            lane.is_open = !tail.is_end();
-        } else if lane.kind != kind || !tail.follows(lane.tail) {
-            return verdict;
+            lane.begin(&segment);
+        } else if !lane.is_continued_by(&segment) {
+            return Verdict::More;
         }
-        lane.tail = tail;
-        lane.expires_ms = expires_ms;
-        if K::TAKES_ENTRIES && kind.is_request() {
-            lane.take_request(payload);
-        } else if K::TAKES_ENTRIES {
-            lane.take_entries(payload, entry_len, slot_of);
-        } else {
-            lane.take(payload, entry_len, slot_of);
-        }
+        lane.add(&segment, entry_len, slot_of, expires_ms);
         if !tail.is_end() {
             return verdict;
         }
         lane.is_open = false;
         if !tail.is_single() {
-            if lane.sum.to_le_bytes() != lane.crc {
-                self.trust.end(source);
+            if !lane.is_intact() {
+                policy.lost(source);
                 return Verdict::Rejected(Rejection::Broken);
             }
             if entry_len == 0 || lane.slots != 0 {
-                self.trust.completed(source, now_ms);
+                policy.completed(source, now_ms);
             }
         }
-        if entry_len != 0 {
-            if lane.len != 0 || lane.entries > kind.most_entries() {
-                return Verdict::Rejected(Rejection::Length);
-            }
-            lane.len = if lane.slots != 0 { entry_len } else { 0 };
-        }
-        if kind.is_request() { Verdict::Request(lane) } else { Verdict::Message(lane) }
+        lane.complete(kind, entry_len)
     }
 }
 
-/// Returns the lane of the transfer that this frame continues or begins again; else, for a first
-/// frame, the lane that is free or is given up most readily. `expires_ms`: when a transfer would
-/// expire whose frame came now.
-#[inline(always)]
-fn lane<'a, K: Received, const KEPT: usize>(
-    lanes: &'a mut [Transfer<K, KEPT>],
-    kind: K,
-    source: u8,
-    is_start: bool,
-    expires_ms: u16,
-    trust: &Trust,
-) -> Option<&'a mut Transfer<K, KEPT>> {
-    // There is no choice, and the compiler does not see it below.
-    if lanes.len() == 1 {
-        let [lane] = lanes else { return None };
-        return (is_start || lane.is_open && lane.source == source).then_some(lane);
-    }
-    let mut chosen = None;
-    let mut least = Hold::None;
-    for lane in lanes {
-        if lane.is_open && lane.is_of(source, kind) {
-            return Some(lane);
-        }
-        if is_start {
-            let hold = lane.hold(expires_ms, trust);
-            if hold < least {
-                least = hold;
-                chosen = Some(lane);
-            }
-        }
-    }
-    chosen
-}
-
-impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize> Default
-    for Receiver<K, LISTS, OTHERS, KEPT>
+impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P> Default
+    for Receiver<K, LISTS, OTHERS, KEPT, P>
+where
+    P: Policy + Default,
 {
     fn default() -> Self {
-        Self::new()
+        Self::with_policy(P::default())
     }
 }
 

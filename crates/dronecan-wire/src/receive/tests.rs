@@ -8,12 +8,9 @@ use crate::golden::{self, Frame, frames};
 use crate::types;
 
 mod lanes;
-mod order;
 mod payload;
+mod policy;
 mod rejected;
-mod search;
-mod simulation;
-mod trusted;
 
 const ME: u8 = 120;
 const ACTUATOR: u8 = 1;

@@ -1,7 +1,6 @@
 //! A transfer that is being received, and the bytes that are kept of it.
 
-use super::Received;
-use super::trust::{HOLD_MS, Trust};
+use super::{Policy, Received, Rejection, Segment, Verdict};
 use crate::bits::Tail;
 use crate::crc;
 
@@ -63,20 +62,12 @@ pub struct Transfer<K, const KEPT: usize> {
     pub(super) bytes: [u8; KEPT],
 }
 
-/// How readily a transfer gives up its lane to another sender's, the most readily first.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub(super) enum Hold {
-    /// No transfer is being received.
-    Free,
-    /// The next frame is late.
-    Idle,
-    /// A frame has just come.
-    Held,
-    /// A frame of a trusted sender has just come.
-    Trusted,
-    /// There is no lane.
-    None,
-}
+/// How firmly a lane is held, see [`Transfer::hold`]: no transfer is being received.
+const FREE: u16 = 0;
+/// The next frame is late.
+const LATE: u16 = 1;
+/// A frame has just come. The claim of the sender is added.
+const HELD: u16 = 2;
 
 impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     pub(super) const NONE: Self = Self {
@@ -100,6 +91,21 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     #[inline(always)]
     pub fn slots(&self) -> u8 {
         self.slots
+    }
+
+    /// True while the transfer is not complete.
+    pub fn is_open(&self) -> bool {
+        self.is_open
+    }
+
+    /// The tail of the last frame.
+    pub fn tail(&self) -> Tail {
+        self.tail
+    }
+
+    /// The transfer is lost if its next frame does not come until this time.
+    pub fn expires_ms(&self) -> u16 {
+        self.expires_ms
     }
 
     /// The transfer ID, 0 to 31.
@@ -142,11 +148,11 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         &self.bytes
     }
 
-    /// True for a short time after a frame of a transfer that is not complete: see [`HOLD_MS`].
-    /// `expires_ms`: when a transfer would expire whose frame came now.
+    /// True for `hold_ms` after a frame of a transfer that is not complete. `expires_ms`: when a
+    /// transfer would expire whose frame came now.
     #[inline(always)]
-    pub(super) fn is_held(&self, expires_ms: u16) -> bool {
-        self.is_open && expires_ms.wrapping_sub(self.expires_ms) < HOLD_MS
+    pub(super) fn is_held(&self, hold_ms: u16, expires_ms: u16) -> bool {
+        self.is_open && expires_ms.wrapping_sub(self.expires_ms) < hold_ms
     }
 
     /// True if a transfer of this sender and type has this lane.
@@ -155,21 +161,24 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.source == source && (!K::LANE_FOR_EACH_TYPE || self.kind == kind)
     }
 
-    /// How readily the transfer gives up its lane.
+    /// How firmly the transfer holds its lane: the one with the lowest number is given up first.
     #[inline(always)]
-    pub(super) fn hold(&self, expires_ms: u16, trust: &Trust) -> Hold {
-        match self.is_held(expires_ms) {
-            _ if !self.is_open => Hold::Free,
-            false => Hold::Idle,
-            true if !trust.is_in(self.source) => Hold::Held,
-            true => Hold::Trusted,
+    pub(super) fn hold<P: Policy>(&self, policy: &P, expires_ms: u16, now_ms: u16) -> u16 {
+        if !self.is_open {
+            FREE
+        } else if !self.is_held(P::HOLD_MS, expires_ms) {
+            LATE
+        } else {
+            HELD + u16::from(policy.claim(self.source, now_ms))
         }
     }
 
     /// Begins a transfer with its first frame.
     #[inline(always)]
-    pub(super) fn begin(&mut self, kind: K, source: u8, priority: u8) {
-        self.is_open = true;
+    pub(super) fn begin(&mut self, segment: &Segment<'_, K>) {
+        let &Segment { kind, source, priority, tail, .. } = segment;
+        // A single-frame transfer is complete at once.
+        self.is_open = !tail.is_end();
         self.kind = kind;
         self.source = source;
         self.priority = priority;
@@ -177,6 +186,52 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.kept_at = 0;
         self.slots = 0;
         self.entries = 0;
+    }
+
+    /// True if a frame continues the transfer.
+    #[inline(always)]
+    pub(super) fn is_continued_by(&self, segment: &Segment<'_, K>) -> bool {
+        self.kind == segment.kind && segment.tail.follows(self.tail)
+    }
+
+    /// Adds the payload of a frame.
+    #[inline(always)]
+    pub(super) fn add(
+        &mut self,
+        segment: &Segment<'_, K>,
+        entry_len: u8,
+        slot_of: impl Fn(u8) -> Option<Slot>,
+        expires_ms: u16,
+    ) {
+        let &Segment { kind, tail, payload, .. } = segment;
+        self.tail = tail;
+        self.expires_ms = expires_ms;
+        if K::TAKES_ENTRIES && kind.is_request() {
+            self.take_request(payload);
+        } else if K::TAKES_ENTRIES {
+            self.take_entries(payload, entry_len, slot_of);
+        } else {
+            self.take(payload, entry_len, slot_of);
+        }
+    }
+
+    /// True if the CRC of the transfer is right.
+    #[inline(always)]
+    pub(super) fn is_intact(&self) -> bool {
+        self.sum.to_le_bytes() == self.crc
+    }
+
+    /// Returns the complete transfer. A list must end after an entry, and have as many entries as
+    /// its type may have.
+    #[inline(always)]
+    pub(super) fn complete(&mut self, kind: K, entry_len: u8) -> Verdict<'_, K, KEPT> {
+        if entry_len != 0 {
+            if self.len != 0 || self.entries > kind.most_entries() {
+                return Verdict::Rejected(Rejection::Length);
+            }
+            self.len = if self.slots != 0 { entry_len } else { 0 };
+        }
+        if kind.is_request() { Verdict::Request(self) } else { Verdict::Message(self) }
     }
 
     /// Adds payload bytes. For a list see [`Received::entry_len`].

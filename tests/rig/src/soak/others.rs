@@ -240,7 +240,8 @@ impl Soak {
         self.send_arming();
         self.rig.run_ms(SLOT_MS);
         self.others.restart();
-        // A sender that lost commands in the fault is trusted again within 64 ms: see `trust.rs`.
+        // A sender that lost commands in the fault is trusted again within 64 ms: see
+        // `src/node/trust.rs`.
         for _ in 0..5 {
             for (source, id) in [(AUTOPILOT, 1), (COMPANION, COMPANIONS as u8 + 1)] {
                 let entries = [(id, PWM, 1200.0), (FOREIGN, PWM, 1000.0)];

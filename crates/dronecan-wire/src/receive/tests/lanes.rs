@@ -10,7 +10,7 @@ fn each_lane_serves_one_sender_and_one_more_sender_displaces_one() {
     for frames in &first {
         assert_eq!(rig.rejects(&frames[0]), None);
     }
-    rig.now_ms += trust::HOLD_MS;
+    rig.now_ms += CompleteFirst::HOLD_MS;
     let newcomer = two(100, 1, 1);
     assert_eq!(
         rig.rejects(&newcomer[0]),

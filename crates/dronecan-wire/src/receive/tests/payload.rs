@@ -197,3 +197,64 @@ fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
         }
     }
 }
+
+/// A node with a lane for each type and sender, which takes entries whole and leaves the text of a
+/// GetSet out.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Each(Kind);
+
+impl Received for Each {
+    const UNKNOWN: Self = Self(Kind::Unknown);
+    const LANE_FOR_EACH_TYPE: bool = true;
+    const TAKES_ENTRIES: bool = true;
+    fn of_message(data_type: u16) -> Self {
+        Self(Kind::of_message(data_type))
+    }
+    fn of_request(service: u8) -> Self {
+        Self(Kind::of_request(service))
+    }
+    fn is_request(self) -> bool {
+        self.0.is_request()
+    }
+    fn is_multi_frame(self) -> bool {
+        self.0.is_multi_frame()
+    }
+    fn entry_len(self) -> u8 {
+        self.0.entry_len()
+    }
+    fn left_out(self, head: &[u8]) -> u8 {
+        if self.0 == Kind::GetSet && head[1] & 7 == 4 { head[2] } else { 0 }
+    }
+    fn seed(self) -> u16 {
+        self.0.seed()
+    }
+}
+
+#[test]
+fn what_is_left_out_takes_no_place() {
+    for len in 0..=128 {
+        let text = std::vec![b'x'; usize::from(len)];
+        for name in ["", "N", "TWELVE_CHARS"] {
+            let whole = [&[1, 4, len], text.as_slice(), name.as_bytes()].concat();
+            for end in [whole.len(), whole.len() - name.len(), 2 + usize::from(len)] {
+                let payload = &whole[..end];
+                let mut receiver = Receiver::<Each, 1, 1, KEPT>::new();
+                let mut last: Option<(Option<Vec<u8>>, bool)> = None;
+                for frame in golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, payload) {
+                    let id = Id::from_bytes(frame.id.to_be_bytes());
+                    let segment = Segment::read(id, &frame.data, ME).unwrap();
+                    if let Verdict::Request(transfer) = receiver.accept(segment, ACTUATOR, 0) {
+                        let kept = transfer.payload_from(0).map(<[u8]>::to_vec);
+                        last = Some((kept, transfer.is_too_short()));
+                    }
+                }
+                let is_too_short = end == 2 + usize::from(len) && len != 0;
+                let kept: Vec<u8> = match end.checked_sub(3 + usize::from(len)) {
+                    Some(_) => [&payload[..3], &payload[3 + usize::from(len)..]].concat(),
+                    None => payload[..end.min(3)].to_vec(),
+                };
+                assert_eq!(last, Some((Some(kept), is_too_short)), "{len} {name} {end}");
+            }
+        }
+    }
+}

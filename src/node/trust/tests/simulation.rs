@@ -110,7 +110,7 @@ fn senders(bus: &Bus, random: &mut Random) -> Vec<Sender> {
 fn run<const LANES: usize>(bus: Bus, seed: u64, lists: usize) -> Outcome {
     let mut random = Random(seed);
     let mut senders = senders(&bus, &mut random);
-    let mut receiver = Receiver::<Kind, LANES, 1, KEPT>::new();
+    let mut receiver = receiver::<Kind, LANES>();
     // The clock has any phase, and wraps.
     let clock_us = random.below(70_000_000);
     let mut outcome = Outcome::default();
@@ -144,7 +144,7 @@ fn run<const LANES: usize>(bus: Bus, seed: u64, lists: usize) -> Outcome {
         }
         expired_ms = now_ms;
         let Some(frame) = frame else { continue };
-        let segment = read(&frame, ME).unwrap();
+        let segment = read(&frame);
         let source = u32::from(segment.source);
         if source == COMPLETE && bus.one_lost_of != 0 && random.below(bus.one_lost_of) == 0 {
             continue;

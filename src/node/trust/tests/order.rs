@@ -1,7 +1,6 @@
 //! How long it takes until a sender precedes the others, and that it is received then.
 
 use super::*;
-use crate::receive::trust::{ORDER_MS, place};
 
 const COMMANDER: u8 = 60;
 
@@ -91,14 +90,13 @@ fn a_sender_precedes_many_others_at_times() {
 /// Each attacker sends, before the commander's first frame and in each gap of its list, a list of
 /// two frames with an entry for the node, and the first frame of another.
 fn is_received<const LANES: usize>(
-    receiver: &mut Receiver<Kind, LANES, 1, KEPT>,
+    receiver: &mut Many<Kind, LANES>,
     attackers: &[u8],
     now_ms: u16,
 ) -> bool {
     let mut is_received = false;
     let mut take = |frame: &Frame| {
-        let segment = read(frame, ME).unwrap();
-        matches!(receiver.accept(segment, ACTUATOR, now_ms), Verdict::Message(_))
+        matches!(receiver.accept(read(frame), ACTUATOR, now_ms), Verdict::Message(_))
     };
     for frame in command(u32::from(COMMANDER), 1, &[(ACTUATOR, 0, 1); 15]) {
         for &source in attackers {
@@ -115,17 +113,17 @@ fn is_received<const LANES: usize>(
 /// The commander begins after the attackers. Returns in how many of 3,000 lists at 50 Hz it
 /// precedes them, how many are received, and the longest row of those that are not.
 fn attack<const LANES: usize>(attackers: &[u8]) -> (usize, usize, usize) {
-    let mut receiver = Receiver::<Kind, LANES, 1, KEPT>::new();
+    let mut receiver = receiver::<Kind, LANES>();
     let (mut precede, mut received) = (0, Vec::new());
     is_received(&mut receiver, attackers, u16::MAX);
-    receiver.trust.end(COMMANDER);
+    receiver.policy_mut().lost(COMMANDER);
     for n in 0..3_000u16 {
         let now_ms = n.wrapping_mul(20);
         let precedes = precedes(COMMANDER, attackers, now_ms);
-        let are_trusted = attackers.iter().any(|&source| receiver.trust.is_in(source))
+        let are_trusted = attackers.iter().any(|&source| receiver.policy().is_trusted(source))
             || (now_ms / ORDER_MS).is_multiple_of(4);
         let is_received = is_received(&mut receiver, attackers, now_ms);
-        let is_trusted = receiver.trust.is_in(COMMANDER);
+        let is_trusted = receiver.policy().is_trusted(COMMANDER);
         if precedes && (is_trusted || !are_trusted) {
             assert!(is_received, "{attackers:?}, {now_ms} ms");
         }

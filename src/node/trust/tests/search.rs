@@ -8,10 +8,9 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
+use std::vec;
 
-use super::trusted::Each;
 use super::*;
-use crate::receive::trust::{ORDER_MS, Trust, place};
 
 const COMMANDER: u32 = 60;
 const ATTACKERS: [u32; 2] = [10, 110];
@@ -28,7 +27,26 @@ const FEW: &Moments = &[(13, 0..0), (15, 0..0), (15, 0..1), (15, 1..9)];
 /// The search ends at so many lost lists in a row.
 const FOR_EVER: u8 = 30;
 
-type Lane = super::super::Transfer<Each, KEPT>;
+/// The node's policy at a time of its own, so that each period sees the same order of precedence.
+#[derive(Clone)]
+struct Still {
+    trust: Trust,
+    now_ms: u16,
+}
+
+impl Policy for Still {
+    fn claim(&self, source: u8, _: u16) -> u8 {
+        self.trust.claim(source, self.now_ms)
+    }
+
+    fn completed(&mut self, source: u8, _: u16) {
+        self.trust.completed(source, self.now_ms);
+    }
+
+    fn lost(&mut self, source: u8) {
+        self.trust.lost(source);
+    }
+}
 
 /// What the attackers are capable of.
 #[derive(Clone, Copy)]
@@ -72,8 +90,9 @@ struct State<const LANES: usize> {
     moments: &'static Moments,
     start_ms: u16,
     moment: usize,
-    lanes: [Lane; LANES],
-    trust: Trust,
+    /// When the period began.
+    period_ms: u16,
+    receiver: Receiver<Each, LANES, 1, KEPT, Still>,
     /// Frames that the attackers have sent of their longer lists.
     sent: Vec<usize>,
     /// The node lost a frame of the commander's list.
@@ -86,13 +105,15 @@ impl<const LANES: usize> State<LANES> {
     /// What makes two states differ in what can follow, without `lost`.
     fn key(&self) -> Vec<u8> {
         let mut key = vec![self.moment as u8, u8::from(self.is_damaged)];
-        key.extend(self.trust.key());
+        let Trust { trusted, lost } = self.receiver.policy().trust;
+        key.extend(trusted);
+        key.push(lost);
         key.extend(self.sent.iter().map(|&sent| sent as u8));
-        for lane in &self.lanes {
-            if lane.is_open {
+        for lane in self.receiver.lists() {
+            if lane.is_open() {
                 let kind = lane.kind.0 as u8;
-                key.extend([lane.source, kind, lane.tail.0]);
-                key.extend(lane.expires_ms.to_le_bytes());
+                key.extend([lane.source, kind, lane.tail().0]);
+                key.extend(lane.expires_ms().wrapping_sub(self.period_ms).to_le_bytes());
             } else {
                 key.push(0);
             }
@@ -103,15 +124,12 @@ impl<const LANES: usize> State<LANES> {
     /// Receives frames. Returns true if a list is complete.
     fn receive(&mut self, frames: &[Frame]) -> bool {
         let mut is_complete = false;
-        let now_ms = self.start_ms + self.moments[self.moment].0;
+        let moment_ms = self.moments[self.moment].0;
+        self.receiver.policy_mut().now_ms = self.start_ms + moment_ms;
+        let now_ms = self.period_ms.wrapping_add(moment_ms);
         for frame in frames {
-            let mut receiver = Receiver::<Each, LANES, 1, KEPT>::new();
-            receiver.lists = self.lanes;
-            receiver.trust = self.trust;
-            let id = Id::from_bytes(frame.id.to_be_bytes());
-            let segment = Segment::read(id, &frame.data, ME).unwrap();
-            is_complete = matches!(receiver.accept(segment, ACTUATOR, now_ms), Verdict::Message(_));
-            (self.lanes, self.trust) = (receiver.lists, receiver.trust);
+            let verdict = self.receiver.accept(read(frame), ACTUATOR, now_ms);
+            is_complete = matches!(verdict, Verdict::Message(_));
         }
         is_complete
     }
@@ -131,17 +149,11 @@ impl<const LANES: usize> State<LANES> {
             self.is_damaged = false;
         }
         self.moment = (self.moment + 1) % self.moments.len();
-        let mut next_ms = self.start_ms + self.moments[self.moment].0;
         if self.moment == 0 {
-            next_ms += PERIOD_MS;
+            self.period_ms = self.period_ms.wrapping_add(PERIOD_MS);
         }
-        for lane in &mut self.lanes {
-            // As `Receiver::expire`, each millisecond.
-            lane.is_open &= lane.expires_ms >= next_ms;
-            if self.moment == 0 {
-                lane.expires_ms = lane.expires_ms.wrapping_sub(PERIOD_MS);
-            }
-        }
+        let next_ms = self.period_ms.wrapping_add(self.moments[self.moment].0);
+        while self.receiver.expire(next_ms).is_some() {}
     }
 }
 
@@ -176,13 +188,13 @@ fn most_lost<const LANES: usize>(attack: Attack) -> u8 {
         moments: attack.moments,
         start_ms: attack.start_ms(),
         moment: 0,
-        lanes: [Lane::NONE; LANES],
-        trust: Trust::NONE,
+        period_ms: 0,
+        receiver: Receiver::with_policy(Still { trust: Trust::NONE, now_ms: 0 }),
         sent: vec![0; lists.len()],
         is_damaged: false,
         lost: 0,
     };
-    first.trust.completed(COMMANDER as u8, 0);
+    first.receiver.policy_mut().trust.completed(COMMANDER as u8, 0);
     let mut reached: HashMap<Vec<u8>, u8> = HashMap::new();
     let mut waiting = vec![first];
     let mut most = 0;

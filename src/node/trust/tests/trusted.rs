@@ -1,7 +1,8 @@
 //! Which of two senders gets a lane.
 
 use super::*;
-use crate::receive::trust::{HOLD_MS, ORDER_MS, place};
+
+const HOLD_MS: u16 = Trust::HOLD_MS;
 
 const A: u32 = 10;
 const B: u32 = 110;
@@ -83,7 +84,7 @@ fn of_two_senders_of_equal_trust_the_one_with_precedence_gets_the_lane() {
                 rig.now_ms += ORDER_MS;
                 let keeps = place(owner as u8, rig.now_ms) > place(newcomer as u8, rig.now_ms);
                 // So that both are as trusted as before.
-                rig.receiver.trust = self::rig(trusted).receiver.trust;
+                *rig.receiver.policy_mut() = *self::rig(trusted).receiver.policy();
                 let expected = if keeps { owner } else { newcomer };
                 assert_eq!(who_completes(&mut rig, owner, newcomer, 0), expected);
                 kept += u32::from(keeps);
@@ -171,12 +172,12 @@ fn an_endless_transfer_keeps_its_lane_until_another_sender_precedes() {
         rig.let_precede(A, B);
         assert_eq!(rig.rejects(&long[0]), None);
         let began_ms = rig.now_ms;
-        while rig.receiver.lists[0].source == A as u8 {
+        while rig.receiver.lists()[0].source == A as u8 {
             rig.now_ms += 1;
             let keeps = place(A as u8, rig.now_ms) > place(B as u8, rig.now_ms);
             assert_eq!(rig.frame(&long[1 + usize::from((rig.now_ms - began_ms + 1) % 2)]), None);
             assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved));
-            assert_eq!(rig.receiver.lists[0].source == A as u8, keeps, "{} ms", rig.now_ms);
+            assert_eq!(rig.receiver.lists()[0].source == A as u8, keeps, "{} ms", rig.now_ms);
         }
         assert!(rig.now_ms - began_ms < 10 * ORDER_MS, "{start_ms} ms");
     }
@@ -219,7 +220,8 @@ fn who_lost_the_trust_is_trusted_again_in_one_order_of_four() {
         for now_ms in 0..=u16::MAX {
             let mut rig = Rig::new();
             rig.now_ms = now_ms;
-            let is_trusted = |rig: &Rig, source: u32| rig.receiver.trust.is_in(source as u8);
+            let is_trusted =
+                |rig: &Rig, source: u32| rig.receiver.policy().is_trusted(source as u8);
             assert!(rig.all(&list(loser)).is_some());
             assert!(is_trusted(&rig, loser), "at first, {now_ms} ms");
             rig.frame(&list(loser)[0]);
@@ -246,70 +248,6 @@ fn a_transfer_of_one_frame_changes_no_trust() {
     }
 }
 
-/// A node with a lane for each type and sender, which takes entries whole and leaves the text of a
-/// GetSet out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Each(pub(super) Kind);
-
-impl Received for Each {
-    const UNKNOWN: Self = Self(Kind::Unknown);
-    const LANE_FOR_EACH_TYPE: bool = true;
-    const TAKES_ENTRIES: bool = true;
-    fn of_message(data_type: u16) -> Self {
-        Self(Kind::of_message(data_type))
-    }
-    fn of_request(service: u8) -> Self {
-        Self(Kind::of_request(service))
-    }
-    fn is_request(self) -> bool {
-        self.0.is_request()
-    }
-    fn is_multi_frame(self) -> bool {
-        self.0.is_multi_frame()
-    }
-    fn entry_len(self) -> u8 {
-        self.0.entry_len()
-    }
-    fn left_out(self, head: &[u8]) -> u8 {
-        if self.0 == Kind::GetSet && head[1] & 7 == 4 { head[2] } else { 0 }
-    }
-    fn seed(self) -> u16 {
-        self.0.seed()
-    }
-}
-
-#[test]
-fn what_is_left_out_takes_no_place() {
-    for len in 0..=128 {
-        let text = std::vec![b'x'; usize::from(len)];
-        for name in ["", "N", "TWELVE_CHARS"] {
-            let whole = [&[1, 4, len], text.as_slice(), name.as_bytes()].concat();
-            for end in [whole.len(), whole.len() - name.len(), 2 + usize::from(len)] {
-                let payload = &whole[..end];
-                let mut receiver = Two::<Each>::new();
-                let mut last: Option<(Option<Vec<u8>>, bool)> = None;
-                for frame in golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, payload) {
-                    let id = Id::from_bytes(frame.id.to_be_bytes());
-                    let segment = Segment::read(id, &frame.data, ME).unwrap();
-                    if let Verdict::Request(transfer) = receiver.accept(segment, ACTUATOR, 0) {
-                        let kept = transfer.payload_from(0).map(<[u8]>::to_vec);
-                        last = Some((kept, transfer.is_too_short()));
-                    }
-                }
-                let is_too_short = end == 2 + usize::from(len) && len != 0;
-                let kept: Vec<u8> = match end.checked_sub(3 + usize::from(len)) {
-                    Some(_) => [&payload[..3], &payload[3 + usize::from(len)..]].concat(),
-                    None => payload[..end.min(3)].to_vec(),
-                };
-                assert_eq!(last, Some((Some(kept), is_too_short)), "{len} {name} {end}");
-            }
-        }
-    }
-}
-
-type Many<K, const N: usize> = Receiver<K, N, N, KEPT>;
-type Two<K> = Many<K, 2>;
-
 /// Takes frames at this time. Returns the result of the last one: true for a complete transfer.
 fn takes<K: Received, const N: usize>(
     receiver: &mut Many<K, N>,
@@ -318,9 +256,7 @@ fn takes<K: Received, const N: usize>(
 ) -> Result<bool, Rejection> {
     let mut last = Ok(false);
     for frame in frames {
-        let id = Id::from_bytes(frame.id.to_be_bytes());
-        let segment = Segment::read(id, &frame.data, ME).unwrap();
-        last = match receiver.accept(segment, ACTUATOR, now_ms) {
+        last = match receiver.accept(read(frame), ACTUATOR, now_ms) {
             Verdict::More => Ok(false),
             Verdict::Message(_) | Verdict::Request(_) => Ok(true),
             Verdict::Rejected(rejection) => Err(rejection),
@@ -336,7 +272,7 @@ fn of_two_lanes_a_new_sender_gets_the_one_that_is_given_up_most_readily() {
         [(None, 30, None), (Some(30), 31, Some(30)), (Some(31), 30, Some(31))]
     {
         for is_swapped in [false, true] {
-            let mut receiver = Two::<Kind>::new();
+            let mut receiver = receiver::<Kind, 2>();
             for trusted in [30, A] {
                 assert_eq!(takes(&mut receiver, &list(trusted), 0), Ok(true));
             }
@@ -359,7 +295,7 @@ fn of_two_lanes_a_new_sender_gets_the_one_that_is_given_up_most_readily() {
     }
     // Both have just begun: the one that was not trusted gives up its lane.
     for order in [[30, 31], [31, 30]] {
-        let mut receiver = Two::<Kind>::new();
+        let mut receiver = receiver::<Kind, 2>();
         for trusted in [30, A] {
             takes(&mut receiver, &list(trusted), 0).unwrap();
         }
@@ -375,7 +311,7 @@ fn of_two_lanes_a_new_sender_gets_the_one_that_is_given_up_most_readily() {
 #[test]
 fn a_sender_is_trusted_while_it_sends_another_type() {
     let lights = golden::transfer(0x1804_390A, golden::LIGHTS_COMMAND, 3, &[LIGHT; 12]);
-    let mut receiver = Two::<Each>::new();
+    let mut receiver = receiver::<Each, 2>();
     let now_ms = when_precedes(A, B, 0);
     for trusted in [A, B] {
         assert_eq!(takes(&mut receiver, &list(trusted), 0), Ok(true));
@@ -394,7 +330,7 @@ fn a_sender_is_trusted_while_it_sends_another_type() {
 fn with_one_lane_a_sender_s_other_type_waits_as_another_sender_s() {
     let lights = golden::transfer(0x1804_390A, golden::LIGHTS_COMMAND, 3, &[LIGHT; 12]);
     for (after_ms, is_kept) in [(0, true), (3, true), (4, false)] {
-        let mut receiver = Many::<Each, 1>::new();
+        let mut receiver = receiver::<Each, 1>();
         assert_eq!(takes(&mut receiver, &list(A)[..1], 0), Ok(false));
         let begins = takes(&mut receiver, &lights[..1], after_ms);
         assert_eq!(begins, Err(Rejection::Interleaved));

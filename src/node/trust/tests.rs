@@ -1,0 +1,168 @@
+//! The receiver with the node's policy.
+
+use std::vec::Vec;
+
+use dronecan_wire::golden::{self, Frame};
+use dronecan_wire::{Id, Received, Receiver, Rejection, Segment, Verdict, types};
+
+use super::*;
+
+mod order;
+mod search;
+mod simulation;
+mod trusted;
+
+const ME: u8 = 120;
+const ACTUATOR: u8 = 1;
+const LIGHT: u8 = 5;
+const KEPT: usize = 27;
+
+/// The data types that the node of these tests receives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Kind {
+    Unknown,
+    ArrayCommand,
+    LightsCommand,
+}
+
+impl Received for Kind {
+    const UNKNOWN: Self = Self::Unknown;
+
+    fn of_message(data_type: u16) -> Self {
+        match data_type {
+            id if id == types::ARRAY_COMMAND.id => Self::ArrayCommand,
+            id if id == types::LIGHTS_COMMAND.id => Self::LightsCommand,
+            _ => Self::Unknown,
+        }
+    }
+
+    fn of_request(_: u8) -> Self {
+        Self::Unknown
+    }
+
+    fn is_request(self) -> bool {
+        false
+    }
+
+    fn is_multi_frame(self) -> bool {
+        self != Self::Unknown
+    }
+
+    fn entry_len(self) -> u8 {
+        if self == Self::LightsCommand { 3 } else { 4 }
+    }
+
+    fn most_entries(self) -> u8 {
+        if self == Self::LightsCommand { 20 } else { 15 }
+    }
+
+    fn seed(self) -> u16 {
+        match self {
+            Self::LightsCommand => types::LIGHTS_COMMAND.seed,
+            _ => types::ARRAY_COMMAND.seed,
+        }
+    }
+}
+
+/// A node with a lane for each type and sender, which takes entries whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Each(Kind);
+
+impl Received for Each {
+    const UNKNOWN: Self = Self(Kind::Unknown);
+    const LANE_FOR_EACH_TYPE: bool = true;
+    const TAKES_ENTRIES: bool = true;
+    fn of_message(data_type: u16) -> Self {
+        Self(Kind::of_message(data_type))
+    }
+    fn of_request(service: u8) -> Self {
+        Self(Kind::of_request(service))
+    }
+    fn is_request(self) -> bool {
+        self.0.is_request()
+    }
+    fn is_multi_frame(self) -> bool {
+        self.0.is_multi_frame()
+    }
+    fn entry_len(self) -> u8 {
+        self.0.entry_len()
+    }
+    fn seed(self) -> u16 {
+        self.0.seed()
+    }
+}
+
+type Many<K, const LANES: usize> = Receiver<K, LANES, LANES, KEPT, Trust>;
+type Transfer = dronecan_wire::Transfer<Kind, KEPT>;
+
+fn receiver<K: Received, const LANES: usize>() -> Many<K, LANES> {
+    Receiver::with_policy(Trust::NONE)
+}
+
+fn read<K: Received>(frame: &Frame) -> Segment<'_, K> {
+    Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, ME).unwrap_or_else(|_| {
+        panic!("{frame:?}");
+    })
+}
+
+/// A receiver with one lane, and the rejection that the last frame caused.
+struct Rig {
+    receiver: Many<Kind, 1>,
+    now_ms: u16,
+    rejection: Option<Rejection>,
+}
+
+impl Rig {
+    fn new() -> Self {
+        Self { receiver: receiver(), now_ms: 0, rejection: None }
+    }
+
+    /// Takes a frame. Returns the transfer that the frame completes.
+    fn frame(&mut self, frame: &Frame) -> Option<Transfer> {
+        self.rejection = None;
+        match self.receiver.accept(read(frame), ACTUATOR, self.now_ms) {
+            Verdict::More => None,
+            Verdict::Message(transfer) => Some(*transfer),
+            Verdict::Request(_) => panic!("a request"),
+            Verdict::Rejected(rejection) => {
+                self.rejection = Some(rejection);
+                None
+            }
+        }
+    }
+
+    /// Takes a frame that completes no transfer. Returns the rejection that it causes.
+    fn rejects(&mut self, frame: &Frame) -> Option<Rejection> {
+        assert_eq!(self.frame(frame), None);
+        self.rejection
+    }
+
+    /// Takes frames. Only the last may complete a transfer, which is returned.
+    fn all(&mut self, frames: &[Frame]) -> Option<Transfer> {
+        let (last, rest) = frames.split_last().unwrap();
+        for frame in rest {
+            assert_eq!(self.frame(frame), None);
+        }
+        self.frame(last)
+    }
+}
+
+/// Type and value of the command in the transfer.
+fn entry(transfer: Option<Transfer>) -> Option<(u8, u16)> {
+    let transfer = transfer.filter(|transfer| transfer.len() != 0)?;
+    let &[_, kind, low, high, ..] = transfer.bytes();
+    Some((kind, u16::from_le_bytes([low, high])))
+}
+
+fn command(source: u32, transfer_id: u8, entries: &[(u8, u8, u16)]) -> Vec<Frame> {
+    let payload: Vec<u8> = entries
+        .iter()
+        .flat_map(|&(id, kind, value)| [id, kind, value as u8, (value >> 8) as u8])
+        .collect();
+    golden::transfer(0x1003_F200 | source, golden::ARRAY_COMMAND, transfer_id, &payload)
+}
+
+/// A command of two frames. `value` identifies it.
+fn two(source: u32, transfer_id: u8, value: u16) -> [Frame; 2] {
+    command(source, transfer_id, &[(1, 0, value), (2, 0, 2)]).try_into().unwrap()
+}
