@@ -19,7 +19,7 @@ impl Node {
 
     /// The set of filters for a node with an ID.
     pub(super) fn row(&self) -> Row {
-        if self.outputs.motors.is_any() { Row::WITH_MOTORS } else { Row::WITH_ID }
+        if self.outputs.has_motors() { Row::WITH_MOTORS } else { Row::WITH_ID }
     }
 
     /// How often the controller tries to send a frame. An anonymous frame is sent once, because

@@ -176,7 +176,7 @@ impl Node {
         command: &Transfer,
         context: &mut Context<P>,
     ) -> Line {
-        let line = self.outputs.act_on_raw_command(command);
+        let line = self.outputs.act_on_raw_command(command, &self.parameters);
         self.note_command(command, line, context.monitor)
     }
 

@@ -32,14 +32,8 @@ pub mod log;
 #[cfg_attr(not(feature = "draft"), path = "absent/measurement.rs")]
 pub mod measurement;
 
-#[cfg_attr(not(feature = "outputs"), path = "absent/motors.rs")]
-pub mod motors;
-
 #[cfg_attr(not(feature = "power"), path = "absent/power.rs")]
 pub mod power;
-
-#[cfg_attr(not(feature = "relay"), path = "absent/relays.rs")]
-pub mod relays;
 
 #[cfg_attr(not(feature = "rpm"), path = "absent/rpm.rs")]
 pub mod rpm;

@@ -12,12 +12,14 @@
 //! | [`types`] | the data types that are not in [`dronecan_wire::types`] |
 //! | [`parameters`] | the parameters, and their values; [`bit_rate`] the timing for CAN_BAUDRATE |
 //! | [`condition`] | the conditions of the node's health |
+//! | [`output_kinds`] | the kinds of output |
 //! | [`information`] | versions, name and texts |
 
 pub mod bit_rate;
 pub mod condition;
 pub mod information;
 pub mod kind;
+pub mod output_kinds;
 pub mod parameters;
 pub mod publication;
 pub mod types;

@@ -3,15 +3,13 @@
 use crate::hardware::{OUTPUTS, SLOT_US};
 use crate::tables::bit_rate::HIGHEST_RATE;
 use crate::tables::condition::{CRIT_MASK, ERROR_MASK, WARN_MASK};
+#[allow(unused_imports, reason = "a build may have no OUTn_TYPE")]
+use crate::tables::output_kinds::GREATEST_TYPE;
 pub use descriptions::*;
 pub use values::Parameters;
 
 mod descriptions;
 mod values;
-
-/// The greatest OUTn_TYPE: a servo, a motor, a relay.
-#[allow(dead_code, reason = "a build may have no OUTn_TYPE")]
-const GREATEST_TYPE: i32 = if cfg!(feature = "relay") { 2 } else { 1 };
 
 /// Name, minimum, maximum and default of a parameter.
 type Row = (&'static str, i32, i32, i32);

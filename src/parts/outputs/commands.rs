@@ -2,12 +2,14 @@
 
 use dronecan_wire::Slot;
 
+use super::command::Command;
 use super::output::Output;
+use super::pulses::Pulses;
 use super::travel::CommandType;
-use super::{Command, Followed, Outputs, Pulses, by_pointer, place};
+use super::{Followed, Outputs, by_pointer, place};
 use crate::hardware::OUTPUTS;
 use crate::monitor::{Event, Line};
-use crate::parts::{arming, motors, update};
+use crate::parts::{arming, update};
 use crate::tables::parameters::Parameters;
 use crate::tables::wire::Transfer;
 
@@ -34,14 +36,14 @@ impl Outputs {
         if command.slots() == 0 {
             return Line::NONE;
         }
-        let line = self.blocked(command.source, parameters);
+        let line = self.blocked(command.slots(), command.source, parameters);
         if line != Line::NONE {
             return line;
         }
         let (mut refusal, mut bit) = (Line::NONE, 1);
         let (mut left, mut kept) = (command.slots(), 0);
         let (entries, _) = command.bytes().as_chunks::<{ Slot::LEN as usize }>();
-        let (source, transfer) = (command.source, command.transfer_id());
+
         for output in by_pointer(&mut self.each) {
             if left & 1 != 0 {
                 let at = if OUTPUTS == 1 { 0 } else { output.slot.at };
@@ -50,7 +52,7 @@ impl Outputs {
                 // outputs, one may have got another ID since the entry came.
                 match CommandType::checked(number, high) {
                     Ok(unit) if OUTPUTS == 1 || id == output.id => {
-                        output.entry = Command { source, transfer, unit, value: [low, high] };
+                        output.entry = Command::of(command, unit, [low, high]);
                         kept |= bit;
                     }
                     Ok(_) => {}
@@ -67,53 +69,14 @@ impl Outputs {
         refusal
     }
 
-    /// Takes note of an esc.RawCommand: keeps its commands for the outputs that are motors. Returns
-    /// the line for the reason of a refusal; [`Line::NONE`] if there is none.
-    #[inline(always)]
-    pub fn act_on_raw_command(&mut self, command: &Transfer) -> Line {
-        let len = command.payload().len() as u8;
-        let found = self.motors.commanded(len, self.each.iter().map(|output| output.id));
-        if found == 0 {
-            return Line::NONE;
-        }
-        let line = self.blocked_motor(command.source);
-        if line != Line::NONE {
-            self.motors.refuse(found);
-            return line;
-        }
-        let left_out = self.motors.kept() & !found;
-        if left_out != 0 {
-            self.unpack(left_out);
-        }
-        self.motors.leave_out(command.source, found);
-        self.motors.keep(command, found);
-        self.keep(found);
-        Line::NONE
-    }
-
-    /// Unpacks the commands that are kept for these motors, a bit each, because the next
-    /// esc.RawCommand has none for them.
-    #[inline(never)]
-    fn unpack(&mut self, motors: u8) {
-        let mut left = motors;
-        for output in &mut self.each {
-            if left & 1 != 0
-                && let Some(throttle) = self.motors.unpack(output.id)
-            {
-                output.entry = Command::from(throttle);
-            }
-            left >>= 1;
-        }
-    }
-
     /// Takes note of the thesis's command, which is for the first output: 0 to 255 over the full
     /// travel. Returns the line for the reason of a refusal; [`Line::NONE`] if there is none.
     #[inline(always)]
     pub fn act_on_servo_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
-        if self.motors.is_motor(0) || self.is_relay(0) {
+        if !self.kinds.is_actuator(1) {
             return Line::RefusedType;
         }
-        let line = self.blocked(command.source, parameters);
+        let line = self.blocked(1, command.source, parameters);
         if line == Line::NONE {
             let &[position, ..] = command.bytes();
             self.each[0].entry = Command::of(command, CommandType::Byte, [position, 0]);
@@ -122,38 +85,9 @@ impl Outputs {
         line
     }
 
-    /// Follows a hardpoint.Command: 0 releases the relays with this ID, other numbers hold. Returns
-    /// the line to log; [`Line::NONE`] if the node has no such relay.
-    #[inline(always)]
-    pub fn act_on_hardpoint_command(
-        &mut self,
-        source: u8,
-        id: u8,
-        holds: bool,
-        parameters: &Parameters,
-    ) -> Line {
-        let (mut found, mut bit) = (0, 1u8);
-        for output in &self.each {
-            if output.id == id {
-                found |= bit;
-            }
-            bit <<= 1;
-        }
-        found &= self.relays.all();
-        if found == 0 {
-            return Line::NONE;
-        }
-        let line = self.blocked(source, parameters);
-        if line != Line::NONE {
-            return line;
-        }
-        self.relays.act_on_command(found, holds, parameters);
-        Line::Hardpoint
-    }
-
     /// Has these outputs, a bit each, follow their entries: those of one command.
     #[inline(always)]
-    fn keep(&mut self, outputs: u8) {
+    pub(super) fn keep(&mut self, outputs: u8) {
         if self.waiting & outputs != 0 {
             self.superseded.count();
         }
@@ -167,30 +101,28 @@ impl Outputs {
         self.waiting |= outputs;
     }
 
-    /// The line for the reason to reject all commands of a node; [`Line::NONE`] if there is none.
+    /// The line for the reason to reject the commands of a node for these outputs, a bit each;
+    /// [`Line::NONE`] if there is none.
     #[inline(always)]
-    fn blocked(&self, source: u8, parameters: &Parameters) -> Line {
-        if self.arming.is_disarmed_by(source, parameters) {
+    pub(super) fn blocked(&self, outputs: u8, source: u8, parameters: &Parameters) -> Line {
+        if self.is_disarmed(outputs, source, parameters) {
             Line::RefusedDisarmed
+        } else if self.safety.is_safe() {
+            Line::RefusedSafe
         } else {
-            self.blocked_by_switch()
+            Line::NONE
         }
     }
 
-    /// The same for motors, which need an armed vehicle whatever ARM_REQ says.
+    /// True if the vehicle is disarmed as far as this node and these outputs, a bit each, are
+    /// concerned.
     #[inline(always)]
-    fn blocked_motor(&self, source: u8) -> Line {
-        if self.arming.is_armed_by(source) {
-            self.blocked_by_switch()
+    pub(super) fn is_disarmed(&self, outputs: u8, source: u8, parameters: &Parameters) -> bool {
+        if self.kinds.needs_armed(outputs) {
+            !self.arming.is_armed_by(source)
         } else {
-            Line::RefusedDisarmed
+            self.arming.is_disarmed_by(source, parameters)
         }
-    }
-
-    /// The line for the reason to reject all commands while the safety switch is on.
-    #[inline(always)]
-    fn blocked_by_switch(&self) -> Line {
-        if self.safety.is_safe() { Line::RefusedSafe } else { Line::NONE }
     }
 
     /// True if an entry waits to be followed.
@@ -211,16 +143,12 @@ impl Outputs {
     ) -> Followed {
         let (output, bit) = self.next_waiting();
         self.waiting &= !bit;
-        if let Some(throttle) = self.motors.take(bit, self.each[place(output)].id) {
-            self.each[place(output)].entry = Command::from(throttle);
-        }
+        self.kinds.unpack(bit, &mut self.each[place(output)]);
         let Command { source, transfer, unit, .. } = self.each[place(output)].entry;
         event.set_source(source);
         event.set_transfer(transfer);
         event.set_code(self.each[place(output)].id);
-        let is_motor = motors::ARE_THERE && unit == CommandType::Throttle;
-        let mut line =
-            if is_motor { self.blocked_motor(source) } else { self.blocked(source, parameters) };
+        let mut line = self.blocked(bit, source, parameters);
         let (mut commander, mut is_second) = (0, false);
         if line == Line::NONE {
             let before = self.each[place(output)].pulse();
@@ -234,7 +162,8 @@ impl Outputs {
             if update::IS_THERE {
                 self.recent_s = RECENT_S;
             }
-            let (pulse, value) = self.each[place(output)].follow(now_ms);
+            let (pulse, value) = self.each[place(output)]
+                .follow(now_ms, |travel, unit, value| self.kinds.pulse(bit, travel, unit, value));
             board.set(output, pulse);
             self.hears_commands = false;
             self.failing &= !bit;

@@ -4,36 +4,31 @@ use super::{Outputs, bit, place};
 use crate::hardware::OUTPUTS;
 use crate::parts::{arming, update};
 use crate::tables::condition::Conditions;
-use crate::tables::parameters::{Parameter, Parameters};
+use crate::tables::parameters::Parameters;
 
 impl Outputs {
     /// Starts the failsafe of each output when it is due. Call once a millisecond: it looks at one
     /// output. Returns true if a failsafe starts because no command was followed for OUTn_TIMEOUT.
     #[inline(always)]
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
-        let output = self.next_ticked();
-        if self.motors.takes_idle(bit(output)) && parameters.is_on(Parameter::MotIdle) {
-            self.each[place(output)].idle();
+        let n = self.next_ticked();
+        let bit = bit(n);
+        if self.kinds.tick(bit, &mut self.each[place(n)], parameters) {
             self.touch();
         }
-        if !self.each[place(output)].is_following() {
+        let output = &self.each[place(n)];
+        if !output.is_following() {
             return false;
         }
-        let is_motor = self.motors.is_motor(output);
-        let is_late = self.each[place(output)].is_late(output, is_motor, now_ms, parameters);
-        // A motor needs an armed vehicle, whatever ARM_REQ says.
-        let commander = self.each[place(output)].commander;
-        let is_disarmed = if is_motor {
-            !self.arming.is_armed_by(commander)
-        } else {
-            self.arming.is_disarmed_by(commander, parameters)
-        };
-        let is_left_out = self.motors.takes_left_out(bit(output), commander);
+        let commander = output.commander;
+        let is_late = output.is_late(self.kinds.timeout_ms(n, bit, parameters), now_ms);
+        let is_disarmed = self.is_disarmed(bit, commander, parameters);
+        let is_left_out = self.kinds.is_left_out(bit, commander);
         if is_late || is_disarmed || is_left_out {
-            self.fail_output(output, parameters);
+            self.fail_output(n, bit, parameters);
         }
         if is_late {
-            self.failing |= bit(output);
+            self.failing |= bit;
         }
         is_late
     }
@@ -49,22 +44,22 @@ impl Outputs {
         output
     }
 
-    /// Has each output do what OUTn_FS says, until the next command.
+    /// Begins the failsafe of each output.
     pub fn fail_safe(&mut self, parameters: &Parameters) {
-        for output in 0..OUTPUTS {
-            self.fail_output(output, parameters);
+        let mut bit = 1;
+        for n in 0..OUTPUTS {
+            self.fail_output(n, bit, parameters);
+            bit <<= 1;
         }
     }
 
-    /// Has an output do what OUTn_FS says, and a motor stop, until the next command.
     #[inline(always)]
-    fn fail_output(&mut self, output: usize, parameters: &Parameters) {
-        let is_motor = self.motors.is_motor(output);
-        self.each[place(output)].fail_safe(output, is_motor, parameters);
+    fn fail_output(&mut self, n: usize, bit: u8, parameters: &Parameters) {
+        self.kinds.fail_safe(n, bit, &mut self.each[place(n)], parameters);
         self.touch();
     }
 
-    /// Counts down the timeouts of ArmingStatus, SafetyState and hardpoint.Command. Call once a
+    /// Counts down the timeouts of ArmingStatus, of SafetyState and of each kind. Call once a
     /// second.
     #[inline(always)]
     pub fn second(&mut self, now_ms: u16, parameters: &Parameters) {
@@ -73,7 +68,7 @@ impl Outputs {
             self.recent_s = self.recent_s.saturating_sub(1);
         }
         self.arming.second();
-        self.relays.second(parameters);
+        self.kinds.second(parameters);
         if self.safety.second() {
             self.end_safe(now_ms);
         }
@@ -107,8 +102,7 @@ impl Outputs {
         Some((output, self.failing & bit(output) != 0))
     }
 
-    /// The output of the next actuator.Status: the servos take turns. A motor has an index, and a
-    /// relay the ID of a hardpoint, and neither an actuator ID, so they have none.
+    /// The output of the next actuator.Status: those with an actuator ID take turns.
     #[inline(always)]
     pub fn next_to_report(&mut self) -> Option<usize> {
         if OUTPUTS == 1 {
@@ -117,7 +111,7 @@ impl Outputs {
         for _ in 0..self.used() {
             let output = place(self.telemetry.into());
             self.telemetry = if output + 1 < self.used() { output as u8 + 1 } else { 0 };
-            if !self.motors.is_motor(output) && !self.is_relay(output) {
+            if self.kinds.is_actuator(bit(output)) {
                 return Some(output);
             }
         }
@@ -197,7 +191,7 @@ impl Outputs {
             if !was_safe && (output.is_following() || self.failing & bit(n) != 0) {
                 self.safety.note_following(bit(n));
             }
-            output.begin_safe(self.motors.is_motor(n), self.safety.ends_pulses(parameters));
+            self.kinds.begin_safe(bit(n), output, self.safety.ends_pulses(parameters));
         }
         // Commands are missing for a reason.
         self.failing = 0;

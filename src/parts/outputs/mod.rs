@@ -9,68 +9,33 @@
 //! Outputs are numbered from 0 in the program, and from 1 in the names of parameters. A build has
 //! one output or eight ([`OUTPUTS`]), and the code is the same.
 
+mod command;
 mod commands;
 mod failsafe;
+mod kind;
+mod kinds;
 mod output;
+mod pulses;
 pub mod travel;
+
+#[cfg_attr(not(feature = "relay"), path = "absent/hardpoint.rs")]
+mod hardpoint;
+
+#[cfg_attr(not(feature = "outputs"), path = "absent/raw_command.rs")]
+mod raw_command;
 
 use dronecan_wire::Slot;
 
 use crate::hardware::OUTPUTS;
 use crate::monitor::Line;
 use crate::parts::arming::Arming;
-use crate::parts::motors::{Motors, Throttle};
-use crate::parts::relays::Relays;
 use crate::parts::safety::Safety;
 use crate::parts::superseded::Superseded;
 use crate::tables::parameters::{OutputParameter, Parameters};
-use crate::tables::wire::Transfer;
-use output::Output;
-use travel::{CommandType, Ticks};
-
-/// The outputs of the board, which make the pulses.
-pub trait Pulses {
-    /// Sets the width of an output's pulse from the next period on; 0 ends the pulses. Does not cut
-    /// a pulse that has begun, so the pulses end at the first call between two pulses.
-    fn set(&mut self, output: usize, width: Ticks);
-
-    /// Sets the level of the pin of an output without pulses.
-    #[inline(always)]
-    fn set_level(&mut self, _output: usize, _is_high: bool) {}
-
-    /// Ends a group of calls of [`set`](Self::set), whose pulses begin in the same period.
-    #[inline(always)]
-    fn commit(&mut self) {}
-}
-
-/// A command for one output, which waits to be followed.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Command {
-    /// Node ID of the sender.
-    pub source: u8,
-    /// Transfer ID of the command.
-    pub transfer: u8,
-    /// The unit of the value.
-    pub unit: CommandType,
-    /// The value, low byte first: a float16, or the number of a [`CommandType::Byte`] or
-    /// [`CommandType::Throttle`].
-    pub value: [u8; 2],
-}
-
-impl Command {
-    #[inline(always)]
-    fn of(command: &Transfer, unit: CommandType, value: [u8; 2]) -> Self {
-        Self { source: command.source, transfer: command.transfer_id(), unit, value }
-    }
-}
-
-impl From<Throttle> for Command {
-    #[inline(always)]
-    fn from(throttle: Throttle) -> Self {
-        let Throttle { source, transfer, value } = throttle;
-        Self { source, transfer, unit: CommandType::Throttle, value: value.to_le_bytes() }
-    }
-}
+use kinds::Kinds;
+use output::{NO_SLOT, Output};
+pub use pulses::Pulses;
+use travel::Ticks;
 
 /// What a turn has followed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -88,10 +53,6 @@ pub struct Followed {
 /// For a quick search, outputs are listed by the lower four bits of their ID. A single output is
 /// compared directly.
 const LISTED: usize = if OUTPUTS > 1 { 16 } else { 0 };
-
-/// The slot of an output that follows no ArrayCommand. (All bytes are 0, so that the outputs need
-/// no initial values in flash.)
-const NO_SLOT: Slot = Slot { at: 0, bits: 0 };
 
 /// The outputs.
 pub struct Outputs {
@@ -129,10 +90,8 @@ pub struct Outputs {
     /// For each value of the lower four bits of an ID, an output that has or had such an ID, from
     /// 1. 0 if there is none.
     listed: [u8; LISTED],
-    /// Which outputs are motors.
-    pub motors: Motors,
-    /// Which outputs are relays.
-    pub relays: Relays,
+    /// Which outputs are of which kind.
+    kinds: Kinds,
     /// If the vehicle is armed.
     pub arming: Arming,
     /// If the safety switch is on.
@@ -161,8 +120,7 @@ impl Outputs {
             is_stale: false,
             hears_commands: false,
             listed: [0; LISTED],
-            motors: Motors::new(),
-            relays: Relays::new(),
+            kinds: Kinds::new(),
             arming: Arming::new(),
             safety: Safety::new(),
             superseded: Superseded::new(),
@@ -210,13 +168,10 @@ impl Outputs {
     #[inline(always)]
     fn update_output(&mut self, n: usize, parameters: &Parameters) {
         let id = parameters.of(n, OutputParameter::Id) as u8;
-        let was_motor = self.motors.is_motor(n);
-        let is_motor = self.motors.update(n, parameters);
-        let is_relay = self.relays.update(n, bit(n), parameters);
+        let is_another_kind = self.kinds.update(n, bit(n), parameters);
         let output = &mut self.each[place(n)];
-        // Pulse and entry are for the old ID and type, and a relay has none. (A single servo keeps
-        // its pulse.)
-        let is_another = output.id != id || is_motor != was_motor || is_relay;
+        // Pulse and entry are for the old ID and kind. (A single servo keeps its pulse.)
+        let is_another = output.id != id || is_another_kind;
         if OUTPUTS > 1 && is_another {
             output.end();
         }
@@ -226,7 +181,7 @@ impl Outputs {
         }
         output.id = id;
         if OUTPUTS > 1 {
-            self.update_slot(n, !is_motor && !is_relay, is_another);
+            self.update_slot(n, self.kinds.is_actuator(bit(n)), is_another);
         }
     }
 
@@ -281,25 +236,6 @@ impl Outputs {
         outputs.position(|output| output.id == id && output.slot.bits != 0)
     }
 
-    /// The ID of the relay for the next hardpoint.Status, and true if it holds. `None` if there is
-    /// no relay.
-    #[inline(always)]
-    pub fn next_relay(&mut self) -> Option<(u8, bool)> {
-        let (bit, holds) = self.relays.next_to_report();
-        let mut left = bit;
-        let mut relays = self.each.iter().filter(|_| {
-            left = left.rotate_right(1);
-            left == 1 << 7
-        });
-        relays.next().map(|output| (output.id, holds))
-    }
-
-    /// True if the output is a relay.
-    #[inline(always)]
-    fn is_relay(&self, output: usize) -> bool {
-        self.relays.all() & bit(output) != 0
-    }
-
     /// Width of an output's pulse; 0 for none.
     pub fn pulse(&self, output: usize) -> Ticks {
         self.each[place(output)].pulse()
@@ -314,7 +250,7 @@ impl Outputs {
     /// Gives the pulses to the outputs of the board.
     #[inline(always)]
     pub fn show(&mut self, board: &mut impl Pulses) {
-        self.relays.show(board);
+        self.kinds.show(board);
         // A single output ends its pulses only between two of them, so it gets its width again
         // until it does.
         if OUTPUTS == 1 || core::mem::take(&mut self.is_stale) || self.used() == 1 {

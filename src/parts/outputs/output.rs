@@ -1,20 +1,14 @@
-//! One output: its pulse, and what it does when commands stop.
+//! What an output of any kind has: its entry, its travel and its pulse.
 
 use dronecan_wire::{Slot, float16};
 
+use super::command::Command;
 use super::travel::{CommandType, Ticks, Travel};
-use super::{Command, NO_SLOT};
-use crate::tables::parameters::{OutputParameter, Parameter, Parameters};
+use crate::tables::parameters::Parameters;
 
-/// OUTn_FS: what the output does when commands stop. 3 ends the pulses.
-mod failsafe {
-    /// Holds the pulse.
-    pub const HOLD: u8 = 0;
-    /// Goes to OUTn_TRIM.
-    pub const TRIM: u8 = 1;
-    /// Goes to OUTn_FS_PWM.
-    pub const PWM: u8 = 2;
-}
+/// The slot of an output that follows no ArrayCommand. (All bytes are 0, so that the outputs need
+/// no initial values in flash.)
+pub const NO_SLOT: Slot = Slot { at: 0, bits: 0 };
 
 /// An output.
 #[derive(Clone, Copy)]
@@ -77,77 +71,44 @@ impl Output {
         self.is_following && now_ms.wrapping_sub(self.followed_ms) < time_ms
     }
 
-    /// Sets the pulse that the entry asks for. Returns the pulse, and the value of the entry in
-    /// fixed point.
+    /// True if no command was followed for this time; 0 is for ever.
     #[inline(always)]
-    pub fn follow(&mut self, now_ms: u16) -> (Ticks, i16) {
+    pub fn is_late(&self, timeout_ms: u16, now_ms: u16) -> bool {
+        timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms
+    }
+
+    /// Follows the entry. `pulse` tells the pulse for its type and its value in fixed point.
+    /// Returns the pulse and that value.
+    #[inline(always)]
+    pub fn follow(
+        &mut self,
+        now_ms: u16,
+        pulse: impl FnOnce(&Travel, CommandType, i16) -> Ticks,
+    ) -> (Ticks, i16) {
         let Command { unit, value, .. } = self.entry;
         let value = unit.fixed(u16::from_le_bytes(value));
-        self.pulse = self.travel.pulse(unit, value);
+        self.pulse = pulse(&self.travel, unit, value);
         self.is_following = true;
         self.followed_ms = now_ms;
         (self.pulse, value)
     }
 
-    /// True if no command was followed for OUTn_TIMEOUT, or by a motor for MOT_TIMEOUT.
+    /// Follows no command until the next one.
     #[inline(always)]
-    pub fn is_late(
-        &self,
-        output: usize,
-        is_motor: bool,
-        now_ms: u16,
-        parameters: &Parameters,
-    ) -> bool {
-        let timeout_ms = if is_motor {
-            parameters.get(Parameter::MotTimeout)
-        } else {
-            parameters.of(output, OutputParameter::Timeout)
-        };
-        timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms
-    }
-
-    /// Does what OUTn_FS says, until the next command. A motor stops. An output that follows no
-    /// command keeps its pulse, or has none.
-    #[inline(never)]
-    pub fn fail_safe(&mut self, output: usize, is_motor: bool, parameters: &Parameters) {
-        if !self.is_following {
-            return;
-        }
-        if is_motor {
-            return self.stop_motor();
-        }
+    pub fn stop_following(&mut self) {
         self.is_following = false;
-        self.pulse = match parameters.of(output, OutputParameter::Fs) as u8 {
-            failsafe::HOLD => return,
-            failsafe::TRIM => self.travel.trim(),
-            failsafe::PWM => self.travel.limit(parameters.of(output, OutputParameter::FsPwm) << 1),
-            _ => 0,
-        };
     }
 
-    /// Stops a motor, until the next command. A motor that was never commanded has no pulse.
-    fn stop_motor(&mut self) {
-        self.is_following = false;
-        if self.pulse != 0 {
-            self.pulse = self.travel.low();
-        }
+    /// Sets the width of the pulse; 0 ends the pulses.
+    #[inline(always)]
+    pub fn set_pulse(&mut self, pulse: Ticks) {
+        self.pulse = pulse;
     }
 
-    /// A motor gets commands that it must not follow yet: gives it the pulse for no throttle.
-    pub fn idle(&mut self) {
-        if self.pulse == 0 {
-            self.pulse = self.travel.low();
-        }
-    }
-
-    /// The safety switch is on. Stops a motor. Ends the pulses of a servo if `ends_pulses`.
-    pub fn begin_safe(&mut self, is_motor: bool, ends_pulses: bool) {
-        self.is_following = false;
-        if is_motor {
-            self.stop_motor();
-        } else if ends_pulses {
-            self.pulse = 0;
-        }
+    /// The travel.
+    #[inline(always)]
+    pub fn travel(&self) -> &Travel {
+        &self.travel
     }
 
     /// The output gets another type or ID: ends the pulses until a command for these comes.

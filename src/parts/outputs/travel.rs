@@ -4,7 +4,6 @@ use dronecan_wire::float16;
 
 use crate::math::scaled;
 use crate::monitor::Line;
-use crate::parts::motors;
 use crate::tables::parameters::{OutputParameter, Parameters};
 
 /// Width of a pulse in ticks of half a microsecond, the unit of the timer; 0 is no pulse.
@@ -159,7 +158,6 @@ impl Travel {
     pub fn pulse(&self, unit: CommandType, value: i16) -> Ticks {
         match unit {
             CommandType::Byte => return self.pulse_of_byte(value as u8),
-            CommandType::Throttle if motors::ARE_THERE => return self.pulse_of_throttle(value),
             _ => {}
         }
         let mut is_low = value < 0;
@@ -182,7 +180,7 @@ impl Travel {
 
     /// The pulse for a motor's command: up to 8191, which is the upper end of the travel. 0 and
     /// less stop it.
-    fn pulse_of_throttle(&self, throttle: i16) -> Ticks {
+    pub fn pulse_of_throttle(&self, throttle: i16) -> Ticks {
         let span = self.below + self.above;
         // Divides by 2^13, rounded.
         self.low()

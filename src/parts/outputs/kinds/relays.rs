@@ -1,15 +1,11 @@
 //! Outputs that are relays: a pin that follows hardpoint.Command. hardpoint.Status says if it
 //! holds.
 
-use super::outputs::Pulses;
+use super::super::kind::Kind;
+use super::super::output::Output;
+use super::super::pulses::Pulses;
 use crate::hardware::OUTPUTS;
 use crate::tables::parameters::{OutputParameter, Parameter, Parameters};
-
-/// OUTn_TYPE: the output is a relay.
-const RELAY: u8 = 2;
-
-/// The greatest OUTn_TYPE.
-pub const GREATEST_TYPE: i32 = RELAY as i32;
 
 /// Which outputs are relays, and if they hold. In each set, bit n is output n.
 pub struct Relays {
@@ -43,30 +39,6 @@ impl Relays {
         }
     }
 
-    /// Applies OUTn_TYPE and OUTn_REVERSED of an output with this bit. Returns true if it is a
-    /// relay. One that becomes a relay begins with the state of RELAY_START.
-    pub fn update(&mut self, output: usize, bit: u8, parameters: &Parameters) -> bool {
-        let was_relay = self.relays & bit != 0;
-        self.relays &= !bit;
-        if parameters.of(output, OutputParameter::Type) as u8 != RELAY {
-            return false;
-        }
-        self.relays |= bit;
-        self.reversed &= !bit;
-        if parameters.of(output, OutputParameter::Reversed) as u8 != 0 {
-            self.reversed |= bit;
-        }
-        if !was_relay {
-            self.held = self.held & !bit | parameters.get(Parameter::RelayStart) as u8 & bit;
-        }
-        true
-    }
-
-    /// The relays.
-    pub fn all(&self) -> u8 {
-        self.relays
-    }
-
     /// Has these relays hold or release, and begins their time of RELAY_TIMEOUT.
     pub fn act_on_command(&mut self, relays: u8, holds: bool, parameters: &Parameters) {
         self.held &= !relays;
@@ -80,39 +52,6 @@ impl Relays {
             }
             bits >>= 1;
         }
-    }
-
-    /// Without a command for RELAY_TIMEOUT a relay goes to its state of RELAY_START. Call once a
-    /// second.
-    pub fn second(&mut self, parameters: &Parameters) {
-        let mut bit = 1;
-        for left_s in &mut self.left_s {
-            if *left_s != 0 {
-                *left_s -= 1;
-                if *left_s == 0 {
-                    let start = parameters.get(Parameter::RelayStart) as u8;
-                    self.held = self.held & !bit | start & bit;
-                }
-            }
-            bit <<= 1;
-        }
-    }
-
-    /// Sets the level of one output's pin: that of each output once in eight calls.
-    pub fn show(&mut self, board: &mut impl Pulses) {
-        self.shown += 1;
-        self.shown_bit <<= 1;
-        if self.shown_bit == 0 {
-            (self.shown, self.shown_bit) = (0, 1);
-        }
-        let bit = self.shown_bit;
-        if (self.relays | self.driven) & bit == 0 {
-            return;
-        }
-        // The pin of an output that is no relay any more becomes low once.
-        self.driven = self.driven & !bit | self.relays & bit;
-        let is_high = (self.held ^ self.reversed) & self.relays & bit != 0;
-        board.set_level(self.shown.into(), is_high);
     }
 
     /// The bit of the relay for the next hardpoint.Status, and true if it holds: they take turns.
@@ -129,8 +68,64 @@ impl Relays {
     }
 }
 
-impl Default for Relays {
-    fn default() -> Self {
-        Self::new()
+impl Kind for Relays {
+    #[inline(always)]
+    fn outputs(&self) -> u8 {
+        self.relays
+    }
+
+    /// Applies OUTn_REVERSED. An output that becomes a relay begins with the state of RELAY_START.
+    fn update(&mut self, n: usize, bit: u8, is_of_kind: bool, parameters: &Parameters) {
+        let was_relay = self.relays & bit != 0;
+        self.relays &= !bit;
+        if !is_of_kind {
+            return;
+        }
+        self.relays |= bit;
+        self.reversed &= !bit;
+        if parameters.of(n, OutputParameter::Reversed) as u8 != 0 {
+            self.reversed |= bit;
+        }
+        if !was_relay {
+            self.held = self.held & !bit | parameters.get(Parameter::RelayStart) as u8 & bit;
+        }
+    }
+
+    /// A relay follows no entry, and has a time of its own.
+    fn fail_safe(&mut self, _n: usize, _output: &mut Output, _parameters: &Parameters) {}
+
+    /// A relay keeps its state.
+    fn begin_safe(&mut self, _output: &mut Output, _ends_pulses: bool) {}
+
+    /// Without a command for RELAY_TIMEOUT a relay goes to its state of RELAY_START.
+    fn second(&mut self, parameters: &Parameters) {
+        let mut bit = 1;
+        for left_s in &mut self.left_s {
+            if *left_s != 0 {
+                *left_s -= 1;
+                if *left_s == 0 {
+                    let start = parameters.get(Parameter::RelayStart) as u8;
+                    self.held = self.held & !bit | start & bit;
+                }
+            }
+            bit <<= 1;
+        }
+    }
+
+    /// Sets the level of one output's pin: that of each output once in eight calls.
+    fn show(&mut self, board: &mut impl Pulses) {
+        self.shown += 1;
+        self.shown_bit <<= 1;
+        if self.shown_bit == 0 {
+            (self.shown, self.shown_bit) = (0, 1);
+        }
+        let bit = self.shown_bit;
+        if (self.relays | self.driven) & bit == 0 {
+            return;
+        }
+        // The pin of an output that is no relay any more becomes low once.
+        self.driven = self.driven & !bit | self.relays & bit;
+        let is_high = (self.held ^ self.reversed) & self.relays & bit != 0;
+        board.set_level(self.shown.into(), is_high);
     }
 }

@@ -2,14 +2,12 @@
 
 use dronecan_wire::esc;
 
-use crate::tables::parameters::{OutputParameter, Parameters};
+use super::super::command::Command;
+use super::super::kind::Kind;
+use super::super::output::Output;
+use super::super::travel::{CommandType, Ticks, Travel};
+use crate::tables::parameters::{Parameter, Parameters};
 use crate::tables::wire::{KEPT, Transfer};
-
-/// True if an output can be a motor.
-pub const ARE_THERE: bool = true;
-
-/// OUTn_TYPE: the output is a motor. 0 is a servo.
-const MOTOR: u8 = 1;
 
 /// Which outputs are motors, and the newest esc.RawCommand. It is unpacked when a motor follows it:
 /// a command for eight motors takes 1,000 cycles, and frames must not wait for that.
@@ -37,17 +35,6 @@ pub struct Motors {
     commanded: u8,
 }
 
-/// A command for a motor.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Throttle {
-    /// Node ID of the sender.
-    pub source: u8,
-    /// Transfer ID of the command.
-    pub transfer: u8,
-    /// -8192 to 8191.
-    pub value: i16,
-}
-
 impl Motors {
     /// No output is a motor.
     pub const fn new() -> Self {
@@ -63,29 +50,6 @@ impl Motors {
             len: 0,
             commanded: 0,
         }
-    }
-
-    /// Applies OUTn_TYPE of an output. Returns true if it is a motor.
-    pub fn update(&mut self, output: usize, parameters: &Parameters) -> bool {
-        let is_motor = parameters.of(output, OutputParameter::Type) as u8 == MOTOR;
-        let bit = 1 << output;
-        self.motors = if is_motor { self.motors | bit } else { self.motors & !bit };
-        // A command for the old type or ID gives no pulse.
-        self.idle &= !bit;
-        (self.len, self.commanded) = (0, 0);
-        is_motor
-    }
-
-    /// True if the output is a motor.
-    #[inline(always)]
-    pub fn is_motor(&self, output: usize) -> bool {
-        self.motors & 1 << output != 0
-    }
-
-    /// True if an output in use is a motor.
-    #[inline(always)]
-    pub fn is_any(&self) -> bool {
-        self.motors != 0
     }
 
     /// The motors for which an esc.RawCommand of `len` bytes has a command: bit n is output n.
@@ -136,49 +100,100 @@ impl Motors {
         self.left_out_by = source;
     }
 
-    /// True, once, if the last esc.RawCommand left out the motor with this bit, which follows the
-    /// commands of the node `commander`: it stops.
-    #[inline(always)]
-    pub fn takes_left_out(&mut self, bit: u8, commander: u8) -> bool {
-        let is_left_out = self.left_out & bit != 0 && self.left_out_by == commander;
-        self.left_out &= !bit;
-        is_left_out
-    }
-
     /// These motors, a bit each, got a command that they must not follow.
     #[inline(always)]
     pub fn refuse(&mut self, motors: u8) {
         self.idle |= motors;
     }
 
-    /// True, once, if the motor with this bit got a command that it must not follow.
-    #[inline(always)]
-    pub fn takes_idle(&mut self, bit: u8) -> bool {
-        let is_idle = self.idle & bit != 0;
-        self.idle &= !bit;
-        is_idle
-    }
-
-    /// Takes the command that is kept for the motor with this bit, whose ID is `index`.
-    #[inline(always)]
-    pub fn take(&mut self, bit: u8, index: u8) -> Option<Throttle> {
-        if self.kept & bit == 0 {
-            return None;
-        }
-        self.kept &= !bit;
-        self.unpack(index)
-    }
-
     /// The command that is kept for a motor with this ID.
     #[inline(always)]
-    pub fn unpack(&self, index: u8) -> Option<Throttle> {
+    pub fn kept_for(&self, index: u8) -> Option<Command> {
         let value = esc::raw_command(&self.payload, index)?;
-        Some(Throttle { source: self.source, transfer: self.transfer, value })
+        Some(Command {
+            source: self.source,
+            transfer: self.transfer,
+            unit: CommandType::Throttle,
+            value: value.to_le_bytes(),
+        })
     }
 }
 
-impl Default for Motors {
-    fn default() -> Self {
-        Self::new()
+impl Kind for Motors {
+    #[inline(always)]
+    fn outputs(&self) -> u8 {
+        self.motors
+    }
+
+    #[inline(always)]
+    fn update(&mut self, _n: usize, bit: u8, is_of_kind: bool, _parameters: &Parameters) {
+        self.motors = if is_of_kind { self.motors | bit } else { self.motors & !bit };
+        // A command for the old type or ID gives no pulse.
+        self.idle &= !bit;
+        (self.len, self.commanded) = (0, 0);
+    }
+
+    fn needs_armed(&self) -> bool {
+        true
+    }
+
+    #[inline(always)]
+    fn unpack(&mut self, bit: u8, output: &mut Output) {
+        if self.kept & bit == 0 {
+            return;
+        }
+        self.kept &= !bit;
+        if let Some(command) = self.kept_for(output.id) {
+            output.entry = command;
+        }
+    }
+
+    #[inline(always)]
+    fn pulse(&mut self, _bit: u8, travel: &Travel, _unit: CommandType, value: i16) -> Ticks {
+        travel.pulse_of_throttle(value)
+    }
+
+    /// A motor that got a command that it must not follow has the pulse for no throttle, if
+    /// MOT_IDLE says so.
+    #[inline(always)]
+    fn tick(&mut self, bit: u8, output: &mut Output, parameters: &Parameters) -> bool {
+        let is_idle = self.idle & bit != 0;
+        self.idle &= !bit;
+        if is_idle && parameters.is_on(Parameter::MotIdle) {
+            if output.pulse() == 0 {
+                output.set_pulse(output.travel().low());
+            }
+            return true;
+        }
+        false
+    }
+
+    #[inline(always)]
+    fn timeout_ms(&self, _n: usize, parameters: &Parameters) -> u16 {
+        parameters.get(Parameter::MotTimeout)
+    }
+
+    /// True, once, if the last esc.RawCommand of the commander had no command for this motor.
+    #[inline(always)]
+    fn is_left_out(&mut self, bit: u8, commander: u8) -> bool {
+        let is_left_out = self.left_out & bit != 0 && self.left_out_by == commander;
+        self.left_out &= !bit;
+        is_left_out
+    }
+
+    /// Stops. A motor that was never commanded has no pulse.
+    #[inline(always)]
+    fn fail_safe(&mut self, _n: usize, output: &mut Output, _parameters: &Parameters) {
+        if output.pulse() != 0 {
+            output.set_pulse(output.travel().low());
+        }
+    }
+
+    /// Stops, whatever SAFE_MODE says.
+    #[inline(always)]
+    fn begin_safe(&mut self, output: &mut Output, _ends_pulses: bool) {
+        if output.pulse() != 0 {
+            output.set_pulse(output.travel().low());
+        }
     }
 }
