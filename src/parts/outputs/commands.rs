@@ -43,7 +43,6 @@ impl Outputs {
         let (mut refusal, mut bit) = (Line::NONE, 1);
         let (mut left, mut kept) = (command.slots(), 0);
         let (entries, _) = command.bytes().as_chunks::<{ Slot::LEN as usize }>();
-
         for output in by_pointer(&mut self.each) {
             if left & 1 != 0 {
                 let at = if OUTPUTS == 1 { 0 } else { output.slot.at };

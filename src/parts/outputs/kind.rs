@@ -8,8 +8,8 @@ use crate::tables::parameters::{OutputParameter, Parameters};
 /// A kind of output: what all outputs with the same OUTn_TYPE do, and the state that only these
 /// have. An answer that most kinds give is that of the trait.
 ///
-/// An output is named by its number `n`, or by its `bit` in a set: bit n is output n. Some questions
-/// are asked of each kind, whose `bit` need not be of this kind.
+/// An output is named by its number `n`, or by its `bit` in a set: bit n is output n. Some
+/// questions are asked of each kind, and then the output need not be of this kind.
 #[allow(dead_code, reason = "a build may have servos only")]
 pub trait Kind {
     /// The outputs of this kind, a bit each.
@@ -30,8 +30,8 @@ pub trait Kind {
         false
     }
 
-    /// Puts the command that waits into the output's entry, if this kind keeps it elsewhere. Asked of
-    /// each kind.
+    /// Puts the command that waits into the output's entry, if this kind keeps it elsewhere. Asked
+    /// of each kind.
     fn unpack(&mut self, _bit: u8, _output: &mut Output) {}
 
     /// The pulse that a command means; 0 for none. `value` is [`CommandType::fixed`].
@@ -39,8 +39,8 @@ pub trait Kind {
         travel.pulse(unit, value)
     }
 
-    /// Does what is due without a followed command. Returns true if the pulse may have changed. Asked
-    /// of each kind.
+    /// Does what is due without a followed command. Returns true if the pulse may have changed.
+    /// Asked of each kind.
     fn tick(&mut self, _bit: u8, _output: &mut Output, _parameters: &Parameters) -> bool {
         false
     }
