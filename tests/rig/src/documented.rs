@@ -53,7 +53,7 @@ fn row(line: &'static str, features: &[String]) -> Option<Documented> {
     };
     let mut numbers = range.split([' ', ',']).filter_map(|word| word.parse().ok());
     let least = numbers.next()?;
-    Some((name, default.split(' ').next()?.parse().ok()?, least, numbers.last()?))
+    Some((name, default.split(' ').next()?.parse().ok()?, least, numbers.next_back()?))
 }
 
 /// The page has the rates of a CAN board with a crystal of 16 MHz.
