@@ -16,7 +16,7 @@ use bench::budget::{PAINT, budget};
 use plot::{Axis, Plot};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Meter, Pace, Samples, run, run_all};
 use rig::profile::{Names, Profile};
-use rig::{MS, Rig};
+use rig::{MS, Program, Rig};
 use third_party::{ThirdParty, receive};
 
 /// Simulated durations.
@@ -434,7 +434,7 @@ fn eeproms(boards: usize) -> Vec<Vec<u8>> {
 /// Simulated seconds per second, with these boards and an autopilot on a bus.
 fn speed(eeproms: &[Vec<u8>]) -> f64 {
     let eeproms: Vec<&[u8]> = eeproms.iter().map(Vec::as_slice).collect();
-    let mut rig = Rig::with_boards(&eeproms);
+    let mut rig = Program::Preset.with_boards(&eeproms);
     rig.overflows_expected = true;
     rig.attach_autopilot(Settings::of(Autopilot::Ardupilot));
     rig.run_ms(500);
