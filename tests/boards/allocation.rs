@@ -9,7 +9,7 @@ use bench::autopilot::Settings;
 use bench::can::{Fault, Frame, Id};
 use bench::dronecan::{Allocation, CanId, Message, NodeId, TransferId, split, types};
 use rig::manage::ms_between;
-use rig::{MS, NODE, Program, Rig, SERVO_COMMAND};
+use rig::{MS, NODE, NODE_STATUS, Program, Rig, SERVO_COMMAND};
 
 const PROGRAM: Program = Program::Full;
 
@@ -138,7 +138,7 @@ fn the_three_stages_have_their_parts_and_their_times() {
     rig.run_ms(1500);
     // With an ID the node sends no more requests, but a status at once and then each second, and
     // answers.
-    let own = |rig: &Rig| rig.frames(0x1801_5500 | 55);
+    let own = |rig: &Rig| rig.frames(NODE_STATUS | 55);
     assert!((2..=3).contains(&own(&rig).len()), "{}", own(&rig).len());
     let anonymous = rig
         .traffic
@@ -217,7 +217,7 @@ fn a_grant_of_0_is_ignored() {
     rig.forget();
     almost_allocated(&mut rig, unique_id);
     allocate(&mut rig, 125, &unique_id);
-    rig.wait_for("status of node 125", 100, |rig| !rig.frames(0x1801_5500 | 125).is_empty());
+    rig.wait_for("status of node 125", 100, |rig| !rig.frames(NODE_STATUS | 125).is_empty());
 }
 
 #[test]
@@ -317,7 +317,7 @@ fn a_request_that_nobody_acknowledges_is_not_repeated() {
     rig.forget();
     almost_allocated(&mut rig, unique_id);
     allocate(&mut rig, 9, &unique_id);
-    rig.wait_for("status of node 9", 100, |rig| !rig.frames(0x1801_5500 | 9).is_empty());
+    rig.wait_for("status of node 9", 100, |rig| !rig.frames(NODE_STATUS | 9).is_empty());
 }
 
 /// A lost arbitration is not an error: the controller sends the request when the bus is idle.
@@ -340,7 +340,7 @@ fn it_answers_requests_from_its_first_status_on() {
         let (mut rig, unique_id) = board_without_id();
         almost_allocated(&mut rig, unique_id);
         allocate(&mut rig, id, &unique_id);
-        rig.wait_for("status", 100, |rig| !rig.frames(0x1801_5500 | u32::from(id)).is_empty());
+        rig.wait_for("status", 100, |rig| !rig.frames(NODE_STATUS | u32::from(id)).is_empty());
         rig.request_to(id, &Message::NodeInfoRequest);
         rig.run_ms(60);
         assert_eq!(rig.answers().len(), 1, "node {id}");
@@ -353,7 +353,7 @@ fn an_allocated_id_is_forgotten_at_a_restart() {
     almost_allocated(&mut rig, unique_id);
     allocate(&mut rig, 66, &unique_id);
     rig.run_ms(300);
-    assert!(!rig.frames(0x1801_5500 | 66).is_empty());
+    assert!(!rig.frames(NODE_STATUS | 66).is_empty());
     rig.cut_power();
     rig.run_ms(2500);
     assert!(requests(&rig).len() >= 2);
@@ -391,7 +391,7 @@ fn it_accepts_the_lowest_and_the_highest_id() {
         if id == 127 {
             continue;
         }
-        rig.wait_for("status", 100, |rig| !rig.frames(0x1801_5500 | u32::from(id)).is_empty());
+        rig.wait_for("status", 100, |rig| !rig.frames(NODE_STATUS | u32::from(id)).is_empty());
     }
 }
 
@@ -402,7 +402,7 @@ fn two_boards_that_start_together_get_different_ids() {
     assert_ne!(first.1, second.1);
     let mut rig = PROGRAM.with_boards(&[first.0, &second.0]);
     rig.attach_autopilot(Settings { allocates: true, ..Settings::default() });
-    let statuses = |rig: &Rig, id: u32| rig.frames(0x1801_5500 | id).len();
+    let statuses = |rig: &Rig, id: u32| rig.frames(NODE_STATUS | id).len();
     rig.wait_for("status of both", 15_000, |rig| statuses(rig, 125) > 0 && statuses(rig, 124) > 0);
     let events: Vec<String> =
         rig.autopilot().take_events().into_iter().map(|(_, text)| text).collect();

@@ -2,7 +2,7 @@
 //! deepest.
 
 use bench::budget::{Budget, PAINT};
-use rig::Rig;
+use rig::{ARRAY_COMMAND, Rig};
 
 fn budget() -> Budget {
     Budget::of(rig::board().chip)
@@ -40,7 +40,7 @@ fn the_deepest_stack_stays_within_its_budget() {
         rig.send_status_from(1 + round);
         rig.send_command(1, round % 6, f32::from(round) / 7.0);
         rig.send_servo_command(round);
-        rig.send(0x1003_F20A, &[round; 8]);
+        rig.send(ARRAY_COMMAND | 10, &[round; 8]);
         rig.board().avr_mut().serial_send(b"?");
         if round % 20 == 10 {
             rig.board().chip_reset();

@@ -47,7 +47,7 @@ fn frames_back_to_back_are_received_in_order() {
     for round in 0..40u8 {
         // Two frames fill both buffers. The others arrive while the node reads these.
         for n in 0..4 {
-            rig.send(0x1003_F20A, &[1, 4, round, 0x64 + n, 0xC0 | ((round * 4 + n) % 32)]);
+            rig.send(ARRAY_COMMAND | 10, &[1, 4, round, 0x64 + n, 0xC0 | ((round * 4 + n) % 32)]);
         }
         rig.run_ms(25);
     }
@@ -76,7 +76,7 @@ fn frames_that_waited_in_both_buffers_are_read_in_order() {
             rig.forget();
             rig.board().set_stuck_int(Some(true));
             for n in 0..count {
-                rig.send(0x1003_F20A, &[1, 4, step as u8, 0x64 + n, 0xC0 | n]);
+                rig.send(ARRAY_COMMAND | 10, &[1, 4, step as u8, 0x64 + n, 0xC0 | n]);
             }
             let moment = rig.now() + (150 + 2 * step) * US;
             rig.run_until(moment);

@@ -53,9 +53,9 @@ const OURS: [u32; 15] = [
     ARRAY_COMMAND,
     rig::NODE_STATUS,
     rig::SERVO_COMMAND,
-    0x1804_3900,             // LightsCommand
-    0x1804_4C00,             // ArmingStatus
-    0x0704_0600,             // esc.RawCommand
+    0x1804_3900, // LightsCommand
+    rig::ARMING_STATUS,
+    rig::RAW_COMMAND,
     0x1E00_0100,             // Allocation
     0x1E01_8080 | NODE << 8, // GetNodeInfo
     0x1E0B_8080 | NODE << 8, // GetSet

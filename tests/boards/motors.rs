@@ -6,12 +6,11 @@ use std::sync::OnceLock;
 use bench::dronecan::{TransferId, Value, split};
 use rig::load::{Client, Kind, Load, Loaded, Pace, SENDER};
 use rig::status::{ERROR, FAILSAFE, OK};
-use rig::{ARMED, ARMING_STATUS, PWM, Program, RAW_COMMAND, Rig};
+use rig::{
+    ARMED, ARMING_STATUS, ARRAY_COMMAND, PWM, Program, RAW_COMMAND, RAW_COMMAND_SIGNATURE, Rig,
+};
 
 const PROGRAM: Program = Program::Full;
-
-/// uavcan.equipment.esc.RawCommand.
-const SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
 
 /// EEPROM of a node whose outputs 1 to 4 are servos, and 5 to 8 motors with the indices 0 to 3.
 fn eeprom() -> &'static [u8] {
@@ -48,7 +47,7 @@ fn payload(commands: &[i16]) -> Vec<u8> {
 }
 
 fn frames(commands: &[i16], transfer_id: u8) -> Vec<Vec<u8>> {
-    split(&payload(commands), TransferId::new(transfer_id), SIGNATURE)
+    split(&payload(commands), TransferId::new(transfer_id), RAW_COMMAND_SIGNATURE)
 }
 
 impl Motors {
@@ -151,7 +150,7 @@ fn an_array_command_between_the_frames_of_a_raw_command_breaks_neither() {
         if let Some(data) = ours.get(n) {
             node.rig.send(RAW_COMMAND | SENDER, data);
         }
-        node.rig.send(0x1003_F20A, theirs);
+        node.rig.send(ARRAY_COMMAND | SENDER, theirs);
     }
     assert_eq!(node.widths_us(), [[Some(1300.0); 4], [Some(1500.0); 4]].concat());
     assert_eq!(node.rig.status_now(), (OK, 0));

@@ -3,7 +3,7 @@
 
 use bench::dronecan::{HardpointStatus, Message};
 use bench::wiring::Pin;
-use rig::{Program, Rig};
+use rig::{ARRAY_COMMAND, Program, Rig};
 
 const PROGRAM: Program = Program::With("relay");
 
@@ -59,7 +59,7 @@ fn the_pin_of_a_relay_follows_its_commands_and_stays() {
 #[test]
 fn relays_do_not_disturb_the_pulses_of_a_servo_beside_them() {
     let mut rig = switching();
-    rig.send(0x1003_F20A, &[2, 0, 0, 0x38, 0xC0]);
+    rig.send(ARRAY_COMMAND | 10, &[2, 0, 0, 0x38, 0xC0]);
     rig.run_ms(100);
     rig.board().take_output_pulses();
     for holds in [1, 0, 1, 0, 1] {

@@ -1,7 +1,7 @@
 //! The serial monitor logs events at 115200 baud, and never delays the node.
 
 use bench::can::Frame;
-use rig::{MS, Rig};
+use rig::{ARRAY_COMMAND, MS, Rig};
 
 #[test]
 fn the_banner_has_version_node_id_and_reset_cause() {
@@ -101,7 +101,7 @@ fn lines_that_do_not_fit_are_dropped_and_counted_and_delay_no_frame() {
 fn a_question_mark_prints_the_counters_on_the_serial_monitor() {
     let mut rig = Rig::running();
     rig.send_command(1, 0, 0.0);
-    rig.send(0x1003_F20A, &[]);
+    rig.send(ARRAY_COMMAND | 10, &[]);
     rig.run_ms(50);
     rig.board().avr_mut().serial_send(b"x?");
     rig.wait_for_line("commands followed 1, frames refused 1", 100);

@@ -250,7 +250,7 @@ impl UpdateBench {
         if self.bench.now() >= self.status_at {
             self.status_at += 1000 * MS;
             let tail = 0xC0 | self.status_transfer_id.advance().get();
-            let id = 0x1801_5500 | u32::from(SERVER);
+            let id = rig::NODE_STATUS | u32::from(SERVER);
             self.peer.borrow_mut().send(Frame::extended(id, &[0, 0, 0, 0, 0, 0, 0, tail]));
         }
         self.bench.run_until(self.bench.now() + MS / 10);

@@ -69,6 +69,9 @@ pub const ARMING_STATUS: u32 = 0x1804_4C00;
 pub const SAFETY_STATE: u32 = 0x104E_2000;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
+/// Signature of uavcan.equipment.esc.RawCommand, for the CRC of its transfers.
+pub const RAW_COMMAND_SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
+
 /// Types of a command in an ArrayCommand: a share of the travel from -1 to 1, an angle in radians,
 /// and a pulse width in microseconds.
 pub const UNITLESS: u8 = 0;

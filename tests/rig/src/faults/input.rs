@@ -2,7 +2,7 @@
 
 use super::{BUS_LIMIT_MS, COMMANDED_US, Case, FAILSAFE_US, Measured, Trial, assert_servo};
 use crate::status::{ID_CONFLICT, TEMPERATURE};
-use crate::{ARRAY_COMMAND, MS, NODE, Rig, started, status_fields};
+use crate::{ARRAY_COMMAND, MS, NODE, Rig, STATUS_OF_NODE, started, status_fields};
 use bench::can::Frame;
 use bench::dronecan::{Message, ParameterRequest};
 
@@ -194,7 +194,7 @@ pub const SAME_ID: Case = Case {
         trial.begin("refused: type 341 from 120", |_| {});
         trial.live_with(3000, COMMANDED_US, |rig| {
             if ms % 1000 == 10 {
-                rig.send_frame(Frame::extended(0x1801_5500 | NODE, &[1, 0, 0, 0, 0, 0, 0, 0xC0]));
+                rig.send_frame(Frame::extended(STATUS_OF_NODE, &[1, 0, 0, 0, 0, 0, 0, 0xC0]));
                 rig.send(ARRAY_COMMAND | NODE, &[1, 0, 0, 0, 0xC0]);
             }
             ms += 1;

@@ -10,13 +10,11 @@ use bench::dronecan::{DataType, ParameterRequest, TransferId, split, types};
 use bench::{Bench, Cycles, Noise};
 
 use super::super::{
-    ARMING_STATUS, ARRAY_COMMAND, MS, NODE, NODE_STATUS, RAW_COMMAND, SERVO_COMMAND, US,
-    array_command,
+    ARMING_STATUS, ARRAY_COMMAND, MS, NODE, NODE_STATUS, RAW_COMMAND, RAW_COMMAND_SIGNATURE,
+    SERVO_COMMAND, US, array_command,
 };
 use super::{Kind, Load, Pace};
 
-/// uavcan.equipment.esc.RawCommand.
-const RAW_COMMAND_SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
 /// Node ID of the sender that fills the bus.
 pub const SENDER: u32 = 10;
 /// Frames that wait in the sender's queue, so that the bus never becomes idle.
