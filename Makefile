@@ -137,7 +137,7 @@ bounds: firmware ## prove stack and cycles of the firmware from its machine code
 # --- Tests
 
 # The clients mostly wait for real time, so what only computes runs beside them and gives way.
-PARTS := test-clients test-firmware test-uno test-host test-bounds test-library test-packages lint-firmware pages deny
+PARTS := test-clients test-firmware test-uno test-host test-bounds test-library test-packages lint-firmware pages
 test: export CARGO_BUILD_WARNINGS := deny
 test: setup-test ## what CI runs, except the page; thirteen minutes the first time
 	@$(SIDE_BY_SIDE)3 $(PARTS)
@@ -210,11 +210,12 @@ test-web: web-page setup-browser ## the web page in Chromium, and its processor 
 	CROSS_SECONDS=$(or $(CROSS_SECONDS),5) cargo test -p web
 	node web/check/page.mjs '$(TARGET_DIR)/web' $(WEB_TESTS)
 
-# Of the host programs "make test" only denies warnings: clippy would check all dependencies again.
+PROGRAM := -p servo-node --bin servo-node
+# "make test" only denies warnings of the rest: clippy would check all dependencies again.
 lint: lint-firmware ## formatting and clippy, for both targets, warnings as errors
+	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) $(PROGRAM) --features full -- -D warnings
 	cargo clippy --workspace --all-targets -- -D warnings
 	cargo clippy -p web --target wasm32-unknown-unknown -- -D warnings
-PROGRAM := -p servo-node --bin servo-node
 lint-firmware: setup-build
 	cargo fmt --all --check
 	cargo fmt --manifest-path tests/fuzz/Cargo.toml --check
@@ -225,7 +226,6 @@ lint-firmware: setup-build
 	scripts/wiring-page --check
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	set -e; for preset in default remote full; do cargo clippy $(AVR) $(PROGRAM) $$(scripts/firmware --cargo $$preset) -- -D warnings; done
-	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) $(PROGRAM) --features full -- -D warnings
 	cargo clippy $(AVR) -p boot -p third-party-mcp2515-crate -p third-party-mcp25xx-crate -- -D warnings
 	cargo clippy $(AVR) -p third-party-mcp25xx-wrong-rxb1 -- -D warnings
 
@@ -241,7 +241,7 @@ advisories: $(TOOLS)/bin/cargo-deny ## known vulnerabilities of the dependencies
 
 # --- Long tests, and what writes documents
 
-test-all: test lint ## "make test" and "make test-web" on more boards, and the long tests below: hours
+test-all: test lint deny ## "make test" and "make test-web" on more boards, and the long tests below: hours
 	$(SUB) test-library PRESETS=full BOARD=uno SHIELD=module
 	$(BOARD_TESTS) --ignored
 	@# The preset without a serial monitor, which most tests read.
