@@ -100,7 +100,10 @@ impl Port {
         };
         Some(match interface {
             Ipv4Addr::LOCALHOST => {
-                format!("{elsewhere}: \"ip route add 239.65.82.0/24 dev lo\" lets them in")
+                format!(
+                    "{elsewhere}: \"ip route add 239.65.82.0/24 dev lo src 127.0.0.1\" lets \
+                     them in"
+                )
             }
             _ => format!(
                 "{elsewhere}: set their IP_MULTICAST_IF to {interface}, or a route for \

@@ -190,12 +190,12 @@ mod inside {
     fn the_status_says_how_to_add_a_route_for_other_programs() {
         let stand = Stand::new(5);
         assert!(
-            stand.link.status().contains("ip route add 239.65.82.0/24 dev lo"),
+            stand.link.status().contains("ip route add 239.65.82.0/24 dev lo src 127.0.0.1"),
             "{}",
             stand.link.status()
         );
         let added = Command::new("ip")
-            .args(["route", "add", "239.65.82.0/24", "dev", "lo"])
+            .args(["route", "add", "239.65.82.0/24", "dev", "lo", "src", "127.0.0.1"])
             .status()
             .unwrap();
         assert!(added.success());
