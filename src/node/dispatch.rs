@@ -1,42 +1,47 @@
-//! Which method of [`Node`] acts on a received transfer, and which begins the response: as the rows
-//! of the table of [`kind`](crate::tables::kind) say.
+//! Calls the method that the row of a table names: the action on a received transfer, the beginning
+//! of a response, and the payload of a message.
+//!
+//! `group.method` in a row is a method of a group of [`Node`]'s fields, `method` one of `Node`.
 
 use super::Node;
-use super::receive::Context;
+use super::control::Context;
+use super::payloads::Filling;
 use super::services::{Pending, Reply, Response};
 use crate::hardware::CanCounters;
-use crate::monitor::Line;
+use crate::monitor::{Line, Monitor};
 use crate::tables::Constants;
 use crate::tables::kind::{Kind, for_received};
 use crate::tables::publication::{Publication, for_published};
 use crate::tables::wire::Transfer;
 
-macro_rules! dispatch {
+/// The calls for the rows of [`for_received`].
+macro_rules! act {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
         $kind:ident = $space:ident $type:path, $form:ident $(($entry_len:literal, $most:literal))?,
-            $behind:ident => $($action:ident),+;)*
+            $behind:ident => $action:ident $(. $method:ident)? $(, $response:ident)?;)*
     })*) => {
         impl Node {
-            /// Acts on a complete transfer of this node. Returns the line to log, which is the
-            /// reason of a refusal if it is refused.
+            /// Acts on a complete message. Returns the line to log, which is the reason of a
+            /// refusal if it is refused.
             #[inline(always)]
-            pub(super) fn act<P: Constants>(
+            pub(super) fn act(
                 &mut self,
-                transfer: &Transfer,
-                context: &mut Context<P>,
+                message: &Transfer,
+                now_ms: u16,
+                monitor: &mut Monitor,
             ) -> Line {
                 // Two searches: commands must not wait for those of the other messages.
                 $($(#[cfg($if)] if Kind::$kind.is_command()
-                    && transfer.kind as u8 == Kind::$kind as u8
+                    && message.kind as u8 == Kind::$kind as u8
                 {
-                    return dispatch!(@message $space ($($action),+)(self, transfer, context));
+                    return act!(@$space (self, message, now_ms, monitor) $action $($method)?);
                 })*)*
                 $($(#[cfg($if)] if !Kind::$kind.is_request()
                     && !Kind::$kind.is_command()
-                    && transfer.kind as u8 == Kind::$kind as u8
+                    && message.kind as u8 == Kind::$kind as u8
                 {
-                    return dispatch!(@message $space ($($action),+)(self, transfer, context));
+                    return act!(@$space (self, message, now_ms, monitor) $action $($method)?);
                 })*)*
                 Line::NONE
             }
@@ -44,16 +49,15 @@ macro_rules! dispatch {
             /// Acts on a complete request. Returns the line to log, and what its response needs.
             #[inline(always)]
             #[allow(unused_variables, reason = "a build may have no request")]
-            pub(super) fn act_on_request<P: Constants>(
+            pub(super) fn act_on_request(
                 &mut self,
-                transfer: &Transfer,
-                context: &mut Context<P>,
+                request: &Transfer,
+                flash: impl Constants,
             ) -> Reply {
-                $($(#[cfg($if)] if Kind::$kind.is_request()
-                    && transfer.kind as u8 == Kind::$kind as u8
-                {
-                    return dispatch!(@request $space ($($action),+)(self, transfer, context));
-                })*)*
+                $($($(#[cfg($if)] if request.kind as u8 == Kind::$kind as u8 {
+                    const _: &str = stringify!($response);
+                    return self.$action(request, flash);
+                })?)*)*
                 Reply::of(Line::NONE)
             }
 
@@ -65,32 +69,38 @@ macro_rules! dispatch {
                 request: &Pending,
                 context: &mut Response<C, P>,
             ) -> bool {
-                $($(#[cfg($if)] if Kind::$kind.is_request()
-                    && request.kind as u8 == Kind::$kind as u8
-                {
-                    return dispatch!(@last ($($action),+)(self, request, context));
-                })*)*
+                $($($(#[cfg($if)] if request.kind as u8 == Kind::$kind as u8 {
+                    return self.$response(request, context);
+                })?)*)*
                 true
             }
         }
     };
-    (@message message ($method:ident)($($value:ident),*)) => { Node::$method($($value),*) };
-    (@message request $methods:tt $values:tt) => { Line::NONE };
-    (@request request ($method:ident, $other:ident)($($value:ident),*)) => {
-        Node::$method($($value),*)
+    (@message ($node:ident, $message:ident, $now_ms:ident, $monitor:ident)
+        $group:ident $method:ident) => {
+        $node.$group.$method($message, &mut Context {
+            now_ms: $now_ms,
+            parameters: &$node.parameters,
+            record: &mut $node.record,
+            publisher: &mut $node.transmission.publisher,
+            filters: &mut $node.filters,
+            monitor: $monitor,
+        })
     };
-    (@request message $methods:tt $values:tt) => { Reply::of(Line::NONE) };
-    (@last ($method:ident)($($value:ident),*)) => { true };
-    (@last ($other:ident, $method:ident)($($value:ident),*)) => { Node::$method($($value),*) };
+    (@message ($node:ident, $message:ident, $now_ms:ident, $monitor:ident) $method:ident) => {
+        $node.$method($message, $now_ms, $monitor)
+    };
+    (@request $values:tt $($method:ident)+) => { Line::NONE };
 }
 
-for_received!(dispatch);
+for_received!(act);
 
-macro_rules! payloads {
+/// The calls for the rows of [`for_published`].
+macro_rules! put {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
         $name:ident = $type:path, $form:ident, $len:expr, $when:expr $(, $needs:ident)?
-            => $put:ident;)*
+            => $put:ident $(. $method:ident)?;)*
     })*) => {
         impl Node {
             /// Puts the payload of a message. Returns false if there is none to send now.
@@ -101,13 +111,25 @@ macro_rules! payloads {
                 counters: &C,
                 now_ms: u16,
             ) -> bool {
+                let mut filling = Filling {
+                    outgoing: &mut self.transmission.outgoing,
+                    parameters: &self.parameters,
+                    counters,
+                    now_ms,
+                };
                 $($(#[cfg($if)] if publication.place() == Publication::$name.place() {
-                    return self.$put(counters, now_ms);
+                    return put!(@(self, filling, now_ms) $put $($method)?);
                 })*)*
                 false
             }
         }
     };
+    (@($node:ident, $filling:ident, $now_ms:ident) $group:ident $method:ident) => {
+        $node.$group.$method(&mut $filling)
+    };
+    (@($node:ident, $filling:ident, $now_ms:ident) $method:ident) => {
+        $node.$method($now_ms)
+    };
 }
 
-for_published!(payloads);
+for_published!(put);

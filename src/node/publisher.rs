@@ -65,7 +65,7 @@ macro_rules! publish {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
         $name:ident = $type:path, $form:ident, $len:expr, $when:expr $(, $needs:ident)?
-            => $put:ident;)*
+            => $put:ident $(. $method:ident)?;)*
     })*) => {
         impl Due {
             /// The first message that is due.

@@ -8,15 +8,15 @@ use crate::monitor::{Line, Monitor};
 impl Node {
     /// True if it is time to restart the program. `is_empty`: the controller has no frame to send.
     pub fn is_to_restart(&self, now_ms: u16, is_empty: bool) -> bool {
-        self.services.is_to_restart(now_ms, is_empty)
+        self.transmission.services.is_to_restart(now_ms, is_empty)
     }
 
     /// Calls an accepted update off if the outputs are in use again. Returns true if it does.
     pub fn calls_off_update(&mut self, monitor: &mut Monitor) -> bool {
-        let calls_off = self.update.is_accepted() && self.outputs.are_in_use();
+        let calls_off = self.update.is_accepted() && self.control.outputs.are_in_use();
         if calls_off {
             self.update.call_off();
-            self.services.call_off_restart();
+            self.transmission.services.call_off_restart();
             monitor.log_line(Line::UpdateCalledOff);
         }
         calls_off
@@ -25,6 +25,6 @@ impl Node {
     /// The accepted request for an update, if there is one, for the bootloader. Takes up to 30 ms.
     /// The program must end then.
     pub fn hand_over(&mut self, eeprom: &mut impl Eeprom) -> Option<&[u8; REQUEST_LEN]> {
-        self.update.hand_over(self.id, &self.parameters, eeprom)
+        self.update.hand_over(self.identity.id, &self.parameters, eeprom)
     }
 }

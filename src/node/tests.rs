@@ -89,11 +89,10 @@ impl Rig {
 
     /// The current health.
     fn level(&self) -> u8 {
-        self.program
-            .node
-            .health()
-            .level(&self.program.node.parameters, self.program.node.outputs.excused(self.now_ms()))
-            as u8
+        self.program.node.health().level(
+            &self.program.node.parameters,
+            self.program.node.control.outputs.excused(self.now_ms()),
+        ) as u8
     }
 
     /// Receives a command for actuator 1 from node 10.
@@ -434,7 +433,7 @@ fn error_passive_shows_while_it_lasts() {
 /// Broken transfers; `None` in a build that does not count them.
 fn broken(rig: &Rig) -> Option<u16> {
     #[cfg(feature = "stats")]
-    return Some(rig.program.node.stats.broken());
+    return Some(rig.program.node.record.stats.broken());
     #[cfg(not(feature = "stats"))]
     {
         let _ = rig;

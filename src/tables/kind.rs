@@ -42,7 +42,7 @@ macro_rules! received {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
         $kind:ident = $space:ident $type:path, $form:ident $(($entry_len:literal, $most:literal))?,
-            $behind:ident => $($action:ident),+;)*
+            $behind:ident => $action:ident $(. $method:ident)? $(, $response:ident)?;)*
     })*) => {
         /// The numbers of the rows.
         #[repr(u8)]
@@ -203,7 +203,7 @@ const fn is_any(values: &[bool]) -> bool {
 ///
 /// `name = message type, form, filter => method;`
 ///
-/// and a row of a request
+/// or `group.method` for a method of a group of fields of the node, and a row of a request
 ///
 /// `name = request type, form of the request, form of the response => method, method;`
 ///
@@ -215,36 +215,38 @@ macro_rules! for_received {
     ($make:ident) => { $make! {
         if not(feature = "draft") {
             /// uavcan.equipment.actuator.ArrayCommand
-            ArrayCommand = message types::ARRAY_COMMAND, list(4, 15), Rxb0 => act_on_array_command;
+            ArrayCommand = message types::ARRAY_COMMAND, list(4, 15), Rxb0
+                => control.act_on_array_command;
         }
         if feature = "outputs" {
             /// uavcan.equipment.esc.RawCommand
             RawCommand = message types::ESC_RAW_COMMAND, command, WithMotors
-                => act_on_raw_command;
+                => control.act_on_raw_command;
         }
         if all() {
             /// uavcan.protocol.NodeStatus
-            NodeStatus = message types::NODE_STATUS, short, Rxb1 => act_on_status;
+            NodeStatus = message types::NODE_STATUS, short, Rxb1 => control.act_on_status;
             /// thesis.ServoCommand
-            ServoCommand = message SERVO_COMMAND, short, Rxb1 => act_on_servo_command;
+            ServoCommand = message SERVO_COMMAND, short, Rxb1 => control.act_on_servo_command;
         }
         if feature = "standard" {
             /// uavcan.equipment.safety.ArmingStatus
-            ArmingStatus = message types::ARMING_STATUS, short, Rxb1 => act_on_arming_status;
+            ArmingStatus = message types::ARMING_STATUS, short, Rxb1
+                => control.act_on_arming_status;
         }
         if feature = "safety" {
             /// ardupilot.indication.SafetyState
-            SafetyState = message types::SAFETY_STATE, short, Rxb1 => act_on_safety_state;
+            SafetyState = message types::SAFETY_STATE, short, Rxb1 => control.act_on_safety_state;
         }
         if feature = "relay" {
             /// uavcan.equipment.hardpoint.Command
             HardpointCommand = message types::HARDPOINT_COMMAND, short, Rxb1
-                => act_on_hardpoint_command;
+                => control.act_on_hardpoint_command;
         }
         if feature = "lights" {
             /// uavcan.equipment.indication.LightsCommand
             LightsCommand = message types::LIGHTS_COMMAND, list(3, 20), Rxb1
-                => act_on_lights_command;
+                => control.act_on_lights_command;
         }
         if feature = "tunnel" {
             /// uavcan.tunnel.Targetted
@@ -252,7 +254,7 @@ macro_rules! for_received {
         }
         if feature = "allocation" {
             /// uavcan.protocol.dynamic_node_id.Allocation
-            Allocation = message types::ALLOCATION, long, WithoutId => act_on_allocation;
+            Allocation = message types::ALLOCATION, long, WithoutId => identity.act_on_allocation;
         }
         if not(feature = "draft") {
             /// uavcan.protocol.GetNodeInfo

@@ -23,7 +23,7 @@ macro_rules! publications {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
         $name:ident = $type:path, $form:ident, $len:expr, $when:expr $(, $needs:ident)?
-            => $put:ident;)*
+            => $put:ident $(. $method:ident)?;)*
     })*) => {
         #[repr(u8)]
         enum Place {
@@ -106,7 +106,8 @@ macro_rules! publications {
 ///
 /// `name = type, form, greatest length in bytes, when, sensor => method;`
 ///
-/// where `sensor` stands only in the row of a message that needs the temperature sensor. A transfer
+/// where `sensor` stands only in the row of a message that needs the temperature sensor, and the
+/// method is `group.method` if it is of a group of fields of the node. A transfer
 /// of the form `short` has one frame. The method puts the payload, and returns false if there is
 /// none to send now.
 macro_rules! for_published {
@@ -114,13 +115,14 @@ macro_rules! for_published {
         $make! {
             if all() {
                 /// uavcan.protocol.NodeStatus
-                NodeStatus = NODE_STATUS, short, 7, Event => put_status_message;
+                NodeStatus = NODE_STATUS, short, 7, Event => put_status;
             }
             if feature = "draft" {
                 /// The thesis's measurement: the temperature in degrees Celsius.
-                DegreesCelsius = DRAFT_MEASUREMENT, short, 1, Event, sensor => put_degrees_celsius;
+                DegreesCelsius = DRAFT_MEASUREMENT, short, 1, Event, sensor
+                    => sensors.put_degrees_celsius;
                 /// The thesis's measurement: the presses of the button.
-                Presses = DRAFT_MEASUREMENT, short, 1, Event => put_presses;
+                Presses = DRAFT_MEASUREMENT, short, 1, Event => sensors.put_presses;
             }
             if feature = "standard" {
                 /// uavcan.equipment.actuator.Status
@@ -130,48 +132,49 @@ macro_rules! for_published {
             if not(feature = "draft") {
                 /// uavcan.equipment.device.Temperature
                 Temperature = types::DEVICE_TEMPERATURE, short, 5, Rate(Parameter::TempRate), sensor
-                    => put_temperature;
+                    => sensors.put_temperature;
             }
             if feature = "stats" {
                 /// dronecan.protocol.CanStats
-                CanStats = types::CAN_STATS, long, 25, Rate(Parameter::StatsRate) => put_can_stats;
+                CanStats = types::CAN_STATS, long, 25, Rate(Parameter::StatsRate)
+                    => record.put_can_stats;
             }
             if all(feature = "button", not(feature = "draft")) {
                 /// uavcan.protocol.debug.KeyValue, with the presses of the button.
-                KeyValue = types::KEY_VALUE, short, 7, Event => put_key_value;
+                KeyValue = types::KEY_VALUE, short, 7, Event => sensors.put_key_value;
                 /// ardupilot.indication.Button, ten times a second while the button is pressed.
-                Button = types::INDICATION_BUTTON, short, 2, Event => put_button;
+                Button = types::INDICATION_BUTTON, short, 2, Event => sensors.put_button;
             }
             if feature = "log" {
                 /// uavcan.protocol.debug.LogMessage
-                LogMessage = types::LOG_MESSAGE, long, 28, Event => put_log_message;
+                LogMessage = types::LOG_MESSAGE, long, 28, Event => console.put_log_message;
             }
             if feature = "tunnel" {
                 /// uavcan.tunnel.Targetted, with characters of the serial monitor.
-                Targetted = types::TUNNEL_TARGETTED, long, 25, Event => put_targetted;
+                Targetted = types::TUNNEL_TARGETTED, long, 25, Event => console.put_targetted;
             }
             if feature = "outputs" {
                 /// uavcan.protocol.debug.KeyValue, with the outputs in failsafe.
-                FailsafeOutputs = types::KEY_VALUE, short, 6, Event => put_failsafe_outputs;
+                FailsafeOutputs = types::KEY_VALUE, short, 6, Event => control.put_failsafe_outputs;
             }
             if feature = "power" {
                 /// uavcan.equipment.power.CircuitStatus
                 CircuitStatus = types::CIRCUIT_STATUS, short, 7, Rate(Parameter::PwrRate)
-                    => put_circuit_status;
+                    => sensors.put_circuit_status;
             }
             if feature = "relay" {
                 /// uavcan.equipment.hardpoint.Status
                 HardpointStatus = types::HARDPOINT_STATUS, short, 7,
-                    Rate(Parameter::RelayRate) => put_hardpoint_status;
+                    Rate(Parameter::RelayRate) => control.put_hardpoint_status;
             }
             if feature = "battery" {
                 /// uavcan.equipment.power.BatteryInfo
                 BatteryInfo = types::BATTERY_INFO, long, 23, Rate(Parameter::BattRate)
-                    => put_battery_info;
+                    => sensors.put_battery_info;
             }
             if feature = "rpm" {
                 /// dronecan.sensors.rpm.RPM
-                Rpm = types::RPM, short, 7, Rate(Parameter::RpmRate) => put_rpm;
+                Rpm = types::RPM, short, 7, Rate(Parameter::RpmRate) => sensors.put_rpm;
             }
             if feature = "allocation" {
                 /// uavcan.protocol.dynamic_node_id.Allocation

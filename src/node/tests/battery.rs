@@ -69,7 +69,7 @@ fn with_batt_rate_0_there_is_no_battery_info_and_no_measurement() {
     let mut rig = with_circuit(&[(Parameter::BattRate, 0)]);
     rig.run(5000);
     assert_eq!(infos(&rig), []);
-    assert!(!rig.program.node.power.is_known());
+    assert!(!rig.program.node.sensors.power.is_known());
 }
 
 #[test]

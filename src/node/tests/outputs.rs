@@ -582,8 +582,8 @@ fn the_safety_switch_stops_motors_with_the_minimum_and_ends_the_pulses_of_servos
     rig.widths(&[(1, 1900)]);
     rig.throttles(FULL_AND_HALF);
     let now_ms = rig.now_ms();
-    let Node { outputs, parameters, .. } = &mut rig.program.node;
-    outputs.act_on_safety_state(10, 0, now_ms, parameters);
+    let Node { control, parameters, .. } = &mut rig.program.node;
+    control.outputs.act_on_safety_state(10, 0, now_ms, parameters);
     rig.run(20);
     assert_eq!(rig.servos_us(), [0, 0, 0, 0, 0, 0, 1000, 1000]);
 }
