@@ -1,8 +1,11 @@
 //! The node's health: its conditions, its counters, and the level that WARN_MASK, ERROR_MASK and
-//! CRIT_MASK give the conditions.
+//! CRIT_MASK give the conditions. Without the feature `masks` each condition has the level of its
+//! row.
 
 use crate::monitor::{Line, Monitor};
-use crate::tables::condition::{Conditions, HOLD_S, Level, RESET_HOLD_S, ResetCause};
+use crate::tables::condition::{
+    CRIT_MASK, Conditions, ERROR_MASK, HOLD_S, Level, RESET_HOLD_S, ResetCause, WARN_MASK,
+};
 use crate::tables::parameters::{Parameter, Parameters};
 
 /// Events since the start. All counters are modulo 65,536.
@@ -67,11 +70,11 @@ impl Health {
     /// `excused`.
     pub fn level(&self, parameters: &Parameters, excused: Conditions) -> Level {
         let code = self.code() & !excused.code();
-        if code & parameters.get(Parameter::CritMask) != 0 {
+        if code & parameters.get_or(Parameter::CritMask, CRIT_MASK) != 0 {
             Level::Critical
-        } else if code & parameters.get(Parameter::ErrorMask) != 0 {
+        } else if code & parameters.get_or(Parameter::ErrorMask, ERROR_MASK) != 0 {
             Level::Error
-        } else if code & parameters.get(Parameter::WarnMask) != 0 {
+        } else if code & parameters.get_or(Parameter::WarnMask, WARN_MASK) != 0 {
             Level::Warning
         } else {
             Level::Ok
@@ -240,6 +243,7 @@ mod tests {
         }
     }
 
+    #[cfg(feature = "masks")]
     #[test]
     fn the_worst_mask_decides() {
         for condition in golden::CONDITIONS {

@@ -5,7 +5,7 @@ use crate::desk::{Desk as Rig, Memory};
 use crate::golden;
 use crate::image::InMemory;
 use crate::tables::parameters::OutputParameter;
-use mcp2515_ordered::{Event as CanEvent, Frame, Notice};
+use mcp2515_ordered::{Frame, Notice};
 use std::f64::consts::FRAC_PI_4;
 
 #[cfg(feature = "allocation")]
@@ -345,6 +345,7 @@ fn messages_keep_their_rates_while_the_main_loop_counts_several_milliseconds_at_
 
 // Health
 
+#[cfg(feature = "masks")]
 #[test]
 fn health_is_that_of_the_worst_mask_that_a_condition_is_in() {
     const WARN: i32 = 1 << 6;
@@ -364,9 +365,8 @@ fn health_is_that_of_the_worst_mask_that_a_condition_is_in() {
         ]);
         rig.run(100);
         // EFLG with TXEP.
-        rig.program
-            .node
-            .notice(Notice { event: CanEvent::Flags, value: 1 << 4 }, &mut rig.program.monitor);
+        let flags = Notice { event: mcp2515_ordered::Event::Flags, value: 1 << 4 };
+        rig.program.node.notice(flags, &mut rig.program.monitor);
         assert_eq!(rig.status(), (health << 6, 1 << 6), "{warn:04X} {error:04X} {critical:04X}");
     }
 }

@@ -98,11 +98,11 @@ conditions! {
     DRAFT = 1 << 15, Ok, lasts;
 }
 
-/// The default of WARN_MASK.
+/// The default of WARN_MASK; without the feature `masks` its value.
 pub const WARN_MASK: u16 = Conditions::of_level(Level::Warning);
-/// The default of ERROR_MASK.
+/// The same of ERROR_MASK.
 pub const ERROR_MASK: u16 = Conditions::of_level(Level::Error);
-/// The default of CRIT_MASK.
+/// The same of CRIT_MASK.
 pub const CRIT_MASK: u16 = Conditions::of_level(Level::Critical);
 
 impl Conditions {

@@ -2,6 +2,7 @@
 
 use crate::hardware::{OUTPUTS, SLOT_US};
 use crate::tables::bit_rate::HIGHEST_RATE;
+#[allow(unused_imports, reason = "a build may have no masks")]
 use crate::tables::condition::{CRIT_MASK, ERROR_MASK, WARN_MASK};
 #[allow(unused_imports, reason = "a build may have no OUTn_TYPE")]
 use crate::tables::output_kinds::GREATEST_TYPE;
@@ -107,6 +108,8 @@ parameters! {
         TempMin "TEMP_MIN" -55..150 = -40,
         /// Upper limit of the temperature, in degrees Celsius.
         TempMax "TEMP_MAX" -55..150 = 85,
+    }
+    if feature = "masks" {
         /// Conditions that make the health WARNING.
         WarnMask "WARN_MASK" 0..65535 = (WARN_MASK as i32),
         /// Conditions that make the health ERROR.

@@ -7,7 +7,7 @@ use rig::status::{
     BROWN_OUT, CRITICAL, DISARMED, ERROR, FAILSAFE, ID_CONFLICT, OK, OPERATIONAL, TEMPERATURE,
     TRANSFER_ERRORS, WARNING,
 };
-use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Rig};
+use rig::{ARRAY_COMMAND, MS, NODE, NODE_STATUS, Program, Rig};
 
 /// Waits for a status with this health and code.
 #[track_caller]
@@ -208,7 +208,7 @@ fn the_cause_of_a_restart_is_a_warning_for_a_minute() {
 
 #[test]
 fn the_masks_choose_the_health_of_a_condition() {
-    let mut rig = Rig::running();
+    let mut rig = Program::Full.running();
     rig.set("OUT1_TIMEOUT", 100);
     rig.send_command(1, 0, 0.0);
     wait_for_status(&mut rig, ERROR, FAILSAFE, 1500);

@@ -224,12 +224,9 @@ fn a_value_out_of_range_is_answered_with_the_current_value() {
             "{wrong}"
         );
     }
-    for (name, min, max) in [
-        ("OUT1_MIN", 500, 2500),
-        ("TEMP_MIN", -55, 150),
-        ("WARN_MASK", 0, 65_535),
-        ("ARM_REQ", 0, 1),
-    ] {
+    for (name, min, max) in
+        [("OUT1_MIN", 500, 2500), ("TEMP_MIN", -55, 150), ("TEMP_ID", 0, 65_535), ("ARM_REQ", 0, 1)]
+    {
         for (value, in_force) in [(min, min), (min - 1, min), (max, max), (max + 1, max)] {
             assert_eq!(
                 rig.request_value(name, Value::Integer(value)),

@@ -190,6 +190,7 @@ fn golden_parameters_come_out_byte_for_byte() {
          DC 05 00 00 00 00 00 23 | 00 01 0C \
          FE FF FF FF 03 | FF FF FF 54 45 4D 50 23 | 5F 4F 46 46 53 45 54 43"
     );
+    #[cfg(feature = "masks")]
     assert_eq!(
         parameter(Parameter::WarnMask, 0x1BF7, 4),
         "1E0B7FF8 EE 66 01 F7 1B 00 00 84 | 00 00 00 00 01 F7 1B 24 | 00 00 00 00 00 00 01 04 | \

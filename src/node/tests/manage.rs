@@ -113,6 +113,7 @@ fn golden_requests_for_parameters_get_golden_replies() {
          DC 05 00 00 00 00 00 23 | 00 01 0C \
          FE FF FF FF 03 | FF FF FF 54 45 4D 50 23 | 5F 4F 46 46 53 45 54 43"
     );
+    #[cfg(feature = "masks")]
     assert_eq!(
         rig.ask("1E0BF8FF 9D BF 00 00 57 41 52 84 | 4E 5F 4D 41 53 4B 64"),
         "1E0B7FF8 EE 66 01 F7 1B 00 00 84 | 00 00 00 00 01 F7 1B 24 | 00 00 00 00 00 00 01 04 | \

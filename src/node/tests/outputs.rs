@@ -513,7 +513,7 @@ fn a_failsafe_is_told_when_it_begins_and_ends_and_not_more_than_twice_a_second()
 
 #[test]
 fn a_lost_frame_is_no_warning_while_each_output_gets_its_next_command_within_50_ms() {
-    let lost = Notice { event: CanEvent::Flags, value: 1 << 7 };
+    let lost = Notice { event: mcp2515_ordered::Event::Flags, value: 1 << 7 };
     for (period_ms, level) in [(20, 0), (49, 0), (60, 1)] {
         let mut rig = hub();
         rig.widths(&[(1, 1500), (2, 1500)]);

@@ -31,6 +31,12 @@ impl Parameters {
         u16::from_le_bytes(self.values[usize::from(parameter.0)])
     }
 
+    /// The value of a parameter; `fixed` if the build leaves it out.
+    #[inline(always)]
+    pub fn get_or(&self, parameter: Parameter, fixed: u16) -> u16 {
+        if parameter.0 == NONE { fixed } else { self.get(parameter) }
+    }
+
     /// The value of a parameter of an output.
     #[inline(never)]
     pub fn of(&self, output: usize, parameter: OutputParameter) -> u16 {
