@@ -23,12 +23,10 @@
 use core::sync::atomic::{Ordering, compiler_fence};
 
 use super::chip::{EXINT, SPI};
-
 use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
-use firmware::hardware::CanCounters;
-use firmware::hardware::{CAN_INTERRUPT, OUTPUTS};
+use firmware::hardware::{CAN_INTERRUPT, CanCounters, OUTPUTS};
 use firmware::node::acceptance::NodeAcceptance;
 use mcp2515_ordered::{Frame, Mcp2515};
 
@@ -162,9 +160,9 @@ fn handle_interrupt() {
 }
 
 #[cfg(all(can_interrupt = "INT0", not(feature = "outputs")))]
-interrupt!(INT0 { handle_interrupt() });
+super::chip::interrupt!(INT0 { handle_interrupt() });
 #[cfg(all(can_interrupt = "INT1", not(feature = "outputs")))]
-interrupt!(INT1 { handle_interrupt() });
+super::chip::interrupt!(INT1 { handle_interrupt() });
 
 // The handler of the interrupt does the same in the other order: it enables interrupts before it
 // saves registers, and disables them after it has restored them. An edge of an output waits for it

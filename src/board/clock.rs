@@ -1,8 +1,6 @@
 //! The millisecond clock, from Timer0.
 
-use super::chip::TC0;
-
-use super::CLOCK_HZ;
+use super::chip::{CLOCK_HZ, TC0, interrupt};
 
 const PRESCALER: u32 = 64;
 

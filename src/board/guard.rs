@@ -16,8 +16,7 @@
 use core::arch::{asm, global_asm};
 use core::panic::PanicInfo;
 
-use super::chip::CPU;
-
+use super::chip::{CPU, interrupt};
 use firmware::tables::condition::ResetCause;
 
 // Runs before everything else. Saves MCUSR in GPIOR1 and clears it. Stops the watchdog, which may

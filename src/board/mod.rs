@@ -20,17 +20,9 @@
 //!
 //! Timer0 counts milliseconds with an interrupt.
 
-/// Makes a function the handler of an interrupt. `avr_device` wants the name of the chip.
-macro_rules! interrupt {
-    ($name:ident $body:block) => {
-        #[cfg_attr(chip = "atmega168", avr_device::interrupt(atmega168))]
-        #[cfg_attr(chip = "atmega328p", avr_device::interrupt(atmega328p))]
-        fn $name() $body
-    };
-}
-
 mod adc;
 mod bus;
+mod chip;
 mod clock;
 mod eeprom;
 mod flash;
@@ -54,12 +46,6 @@ mod outputs;
 #[cfg_attr(not(feature = "rpm"), path = "absent/shaft.rs")]
 mod shaft;
 
-/// The registers of the chip.
-#[cfg(chip = "atmega168")]
-use avr_device::atmega168 as chip;
-#[cfg(chip = "atmega328p")]
-use avr_device::atmega328p as chip;
-
 use chip::CPU;
 use firmware::handover::REQUEST_LEN;
 use firmware::hardware::{Input, OUTPUTS, ShaftPulses};
@@ -81,10 +67,6 @@ use outputs::Outputs;
 use pins::Pins;
 use serial::Serial;
 use shaft::Shaft;
-
-/// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on
-/// it.
-pub const CLOCK_HZ: u32 = 16_000_000;
 
 /// The Arduino with its CAN board, ready for use.
 pub struct Arduino {

@@ -1,8 +1,6 @@
 //! The UART of the serial monitor, 115200 baud 8N1, polled.
 
-use super::chip::USART0;
-
-use super::CLOCK_HZ;
+use super::chip::{CLOCK_HZ, USART0};
 
 const BAUD: u32 = 115_200;
 

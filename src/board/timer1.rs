@@ -5,8 +5,7 @@
 //! datasheet 2545, section 15). So a new width takes effect at the start of a period, and the pulse
 //! lasts OCR1x + 1 ticks. The servo is on OC1A (D9) or OC1B (D10).
 
-use super::CLOCK_HZ;
-use super::chip::TC1;
+use super::chip::{CLOCK_HZ, TC1};
 use super::pins::ServoSignal;
 use firmware::hardware::SERVO;
 use firmware::math::scaled;
