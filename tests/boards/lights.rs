@@ -1,7 +1,7 @@
 //! The button, whose presses the node publishes, and the light, which it dims on command, in the
 //! firmware that has them.
 
-use bench::dronecan::{KeyValue, LightCommand, Message};
+use bench::dronecan::{Button, KeyValue, LightCommand, Message};
 use rig::{MS, NODE, Program, Rig};
 
 const PROGRAM: Program = Program::Full;
@@ -54,7 +54,7 @@ fn a_press_of_a_second_toggles_the_safety_switch_of_ardupilot_once() {
         rig.run_ms(300);
         let times: Vec<u8> = rig
             .node_messages(|message| match message {
-                Message::Button(1, tenths) => Some(tenths),
+                Message::Button(Button { button: 1, tenths }) => Some(tenths),
                 _ => None,
             })
             .into_iter()

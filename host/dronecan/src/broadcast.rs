@@ -1,5 +1,5 @@
-//! Payloads of broadcast messages other than those that move a servo: Allocation, lights, circuits,
-//! counters, named values.
+//! Payloads of other broadcast messages: Allocation, lights, switches, sensors, counters, named
+//! values.
 //!
 //! Layouts from the public DSDL, little endian.
 
@@ -205,12 +205,97 @@ impl fmt::Display for HardpointStatus {
     }
 }
 
+/// equipment.hardpoint.Command: hardpoint u8 | command u16, which is 0 to release, 1 and above to
+/// hold.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HardpointCommand {
+    pub hardpoint: u8,
+    pub command: u16,
+}
+
+impl HardpointCommand {
+    /// `None` unless the payload has three bytes.
+    pub fn decode(payload: &[u8]) -> Option<HardpointCommand> {
+        let &[hardpoint, low, high] = payload else { return None };
+        Some(HardpointCommand { hardpoint, command: u16::from_le_bytes([low, high]) })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let [low, high] = self.command.to_le_bytes();
+        vec![self.hardpoint, low, high]
+    }
+}
+
+impl fmt::Display for HardpointCommand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {}", self.hardpoint, hardpoint_text(self.command))
+    }
+}
+
 /// What a hardpoint is asked to do, or does.
 pub fn hardpoint_text(command: u16) -> String {
     match command {
         0 => String::from("release"),
         1 => String::from("hold"),
         other => format!("hold {other}"),
+    }
+}
+
+/// equipment.device.Temperature: device u16 | kelvin f16 | flags u8 (1 too hot, 2 too cold).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Temperature {
+    pub device: u16,
+    pub kelvin: f16,
+    pub over: bool,
+    pub under: bool,
+}
+
+const FLAG_OVER: u8 = 1 << 0;
+const FLAG_UNDER: u8 = 1 << 1;
+const ZERO_CELSIUS_K: f32 = 273.15;
+
+impl Temperature {
+    /// `None` unless the payload has five bytes.
+    pub fn decode(payload: &[u8]) -> Option<Temperature> {
+        let &[d0, d1, k0, k1, flags] = payload else {
+            return None;
+        };
+        Some(Temperature {
+            device: u16::from_le_bytes([d0, d1]),
+            kelvin: f16::from_le_bytes([k0, k1]),
+            over: flags & FLAG_OVER != 0,
+            under: flags & FLAG_UNDER != 0,
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = self.device.to_le_bytes().to_vec();
+        payload.extend(self.kelvin.to_le_bytes());
+        let over = if self.over { FLAG_OVER } else { 0 };
+        let under = if self.under { FLAG_UNDER } else { 0 };
+        payload.push(over | under);
+        payload
+    }
+
+    /// The temperature in degrees Celsius.
+    pub fn celsius(&self) -> f32 {
+        self.kelvin.to_f32() - ZERO_CELSIUS_K
+    }
+}
+
+impl fmt::Display for Temperature {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (kelvin, celsius) = (self.kelvin.to_f32(), self.celsius());
+        write!(f, "device {} {kelvin:.2} K ({celsius:.1} C)", self.device)?;
+        if self.over {
+            write!(f, " OVER")?;
+        }
+        if self.under {
+            write!(f, " UNDER")?;
+        }
+        Ok(())
     }
 }
 
@@ -405,4 +490,67 @@ impl fmt::Display for KeyValue {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{} = {}", self.key.escape_ascii(), self.value)
     }
+}
+
+/// ardupilot.indication.Button: button u8 | time u8, in tenths of a second.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Button {
+    /// Number of the button; 1 is the safety switch.
+    pub button: u8,
+    /// How long it has been pressed, in tenths of a second.
+    pub tenths: u8,
+}
+
+impl Button {
+    /// `None` unless the payload has two bytes.
+    pub fn decode(payload: &[u8]) -> Option<Button> {
+        let &[button, tenths] = payload else { return None };
+        Some(Button { button, tenths })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        vec![self.button, self.tenths]
+    }
+}
+
+impl fmt::Display for Button {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Button { button, tenths } = self;
+        write!(f, "{button} pressed for {}.{} s", tenths / 10, tenths % 10)
+    }
+}
+
+/// A payload of one byte; `None` for another length.
+pub(crate) fn decode_byte(payload: &[u8]) -> Option<u8> {
+    let &[byte] = payload else { return None };
+    Some(byte)
+}
+
+/// The payload of one byte.
+pub(crate) fn encode_byte(byte: &u8) -> Vec<u8> {
+    vec![*byte]
+}
+
+/// Writes an ArmingStatus.
+pub(crate) fn write_arming(f: &mut fmt::Formatter<'_>, status: &u8) -> fmt::Result {
+    match status {
+        0 => write!(f, " disarmed"),
+        255 => write!(f, " armed"),
+        other => write!(f, " {other}"),
+    }
+}
+
+/// Writes a SafetyState: the state of the switch.
+pub(crate) fn write_safety(f: &mut fmt::Formatter<'_>, state: &u8) -> fmt::Result {
+    match state {
+        0 => write!(f, " on"),
+        255 => write!(f, " off"),
+        other => write!(f, " {other}"),
+    }
+}
+
+/// Writes degrees Celsius.
+pub(crate) fn write_celsius(f: &mut fmt::Formatter<'_>, celsius: &u8) -> fmt::Result {
+    write!(f, " {celsius} C")
 }

@@ -16,6 +16,7 @@ mod bits;
 pub mod id;
 pub mod message;
 mod parameters;
+mod table;
 pub mod transfer;
 pub mod types;
 

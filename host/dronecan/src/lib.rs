@@ -4,22 +4,25 @@
 //! The simulator, its tests and the MAVLink bridge use it. It was written from the DroneCAN
 //! specification (chapters 3 to 5) and the public DSDL and shares no code with the firmware, so
 //! that neither can hide a mistake of the other. Layers, lowest first: [`Frame`], [`crc`], [`id`]
-//! (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly), [`types`] (names and
-//! signatures), the payloads that are decoded completely ([`status`], [`broadcast`], [`battery`],
-//! [`esc`], and for services [`management`]), and [`message`] with all of them. [`text`] formats
-//! them. [`draft`] has the same layers for the draft, and [`dialect`] finds the dialect of a frame.
-//! Besides there are [`slcan`], the text protocol of serial adapters, and [`mcast`], the UDP
-//! multicast bus.
+//! (the 29-bit identifier), [`transfer`] (tail byte, splitting, assembly), `table` (a row for each
+//! data type and message), [`types`] (names, signatures and lengths, from the table), the payloads
+//! that are decoded completely ([`status`], [`actuator`], [`broadcast`], [`battery`], [`esc`], and
+//! for services [`management`]), and [`message`] with all of them, from the table, too. [`text`]
+//! formats them. [`draft`] has the same layers for the draft, and [`dialect`] finds the dialect of
+//! a frame. Besides there are [`slcan`], the text protocol of serial adapters, and [`mcast`], the
+//! UDP multicast bus.
 //!
 //! Limits: extended data frames only, because the dialect has no others. Types beyond [`Message`]
 //! have a name and are not decoded.
 
 #![forbid(unsafe_code)]
 
+pub mod actuator;
 pub mod battery;
 pub mod broadcast;
 pub mod crc;
 pub mod dialect;
+mod dispatch;
 pub mod draft;
 pub mod esc;
 pub mod id;
@@ -30,6 +33,7 @@ pub mod message;
 mod sessions;
 pub mod slcan;
 pub mod status;
+mod table;
 pub mod text;
 pub mod transfer;
 pub mod tunnel;
@@ -38,10 +42,9 @@ pub mod types;
 #[cfg(test)]
 mod tests;
 
+pub use actuator::{ActuatorCommand, ActuatorStatus, CommandUnit};
 pub use battery::BatteryInfo;
-pub use broadcast::{
-    Allocation, CanStats, CircuitStatus, HardpointStatus, KeyValue, LightCommand, LogMessage, Rpm,
-};
+pub use broadcast::*;
 pub use can_frame::{Frame, Id, ParseFrameError};
 pub use dialect::{Decoded, Dialect, Observation, Observer};
 pub use id::{CanId, NodeId};
@@ -49,7 +52,7 @@ pub use management::{
     NodeInfo, NumberAndText, Opcode, ParameterRequest, ParameterResponse, RESTART_MAGIC,
     TransportStats, Value,
 };
-pub use message::{ActuatorCommand, ActuatorStatus, CommandUnit, Message, Temperature};
+pub use message::Message;
 pub use status::{Health, Mode, NodeStatus};
 pub use transfer::{Assembler, Outcome, Transfer, TransferId, frames, split};
 pub use tunnel::{TunnelBroadcast, TunnelTargetted};

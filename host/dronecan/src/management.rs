@@ -309,7 +309,7 @@ impl Opcode {
     }
 
     /// The payload.
-    pub fn encode(self) -> Vec<u8> {
+    pub fn encode(&self) -> Vec<u8> {
         let mut payload = vec![self.0];
         payload.resize(Opcode::LEN, 0);
         payload
@@ -336,9 +336,9 @@ pub(crate) fn decode_executed(payload: &[u8]) -> Option<bool> {
 }
 
 /// Encodes the response.
-pub(crate) fn encode_executed(ok: bool) -> Vec<u8> {
+pub(crate) fn encode_executed(ok: &bool) -> Vec<u8> {
     let mut payload = vec![0; Opcode::LEN];
-    payload[Opcode::LEN - 1] = if ok { OK } else { 0 };
+    payload[Opcode::LEN - 1] = if *ok { OK } else { 0 };
     payload
 }
 
@@ -346,13 +346,13 @@ pub(crate) fn encode_executed(ok: bool) -> Vec<u8> {
 pub const RESTART_MAGIC: u64 = 0xAC_CE55_1B1E;
 
 /// Writes a wrong magic number, and nothing for the right one.
-pub(crate) fn write_magic(f: &mut fmt::Formatter<'_>, magic: u64) -> fmt::Result {
-    if magic == RESTART_MAGIC { Ok(()) } else { write!(f, " with the wrong number {magic:#012X}") }
+pub(crate) fn write_magic(f: &mut fmt::Formatter<'_>, magic: &u64) -> fmt::Result {
+    if *magic == RESTART_MAGIC { Ok(()) } else { write!(f, " with the wrong number {magic:#012X}") }
 }
 
 /// Writes "ok" or "FAILED".
-pub(crate) fn write_ok(f: &mut fmt::Formatter<'_>, ok: bool) -> fmt::Result {
-    write!(f, " {}", if ok { "ok" } else { "FAILED" })
+pub(crate) fn write_ok(f: &mut fmt::Formatter<'_>, ok: &bool) -> fmt::Result {
+    write!(f, " {}", if *ok { "ok" } else { "FAILED" })
 }
 
 pub(crate) fn decode_restart(mut payload: &[u8]) -> Option<u64> {
@@ -360,7 +360,7 @@ pub(crate) fn decode_restart(mut payload: &[u8]) -> Option<u64> {
     payload.is_empty().then(|| u64::from_le_bytes([b0, b1, b2, b3, b4, 0, 0, 0]))
 }
 
-pub(crate) fn encode_restart(magic: u64) -> Vec<u8> {
+pub(crate) fn encode_restart(magic: &u64) -> Vec<u8> {
     magic.to_le_bytes()[..5].to_vec()
 }
 
@@ -370,8 +370,8 @@ pub(crate) fn decode_restarted(payload: &[u8]) -> Option<bool> {
     Some(byte & OK != 0)
 }
 
-pub(crate) fn encode_restarted(ok: bool) -> Vec<u8> {
-    vec![if ok { OK } else { 0 }]
+pub(crate) fn encode_restarted(ok: &bool) -> Vec<u8> {
+    vec![if *ok { OK } else { 0 }]
 }
 
 /// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 |
@@ -402,7 +402,7 @@ impl NumberAndText {
     }
 
     /// Name of the error in a response.
-    pub(crate) fn error(&self) -> String {
+    fn error(&self) -> String {
         match self.number {
             0 => String::from("OK"),
             1 => String::from("INVALID_MODE"),
@@ -411,6 +411,16 @@ impl NumberAndText {
             other => format!("error {other}"),
         }
     }
+}
+
+/// Writes the request of an update.
+pub(crate) fn write_update(f: &mut fmt::Formatter<'_>, update: &NumberAndText) -> fmt::Result {
+    write!(f, " of \"{}\" from node {}", update.text(), update.number)
+}
+
+/// Writes the response to the request of an update.
+pub(crate) fn write_result(f: &mut fmt::Formatter<'_>, result: &NumberAndText) -> fmt::Result {
+    write!(f, " {} \"{}\"", result.error(), result.text())
 }
 
 /// Counters of one interface: frames sent, frames received, errors.

@@ -209,10 +209,14 @@ fn battery_info_equals_pydronecan() {
 
 #[test]
 fn hardpoints_equal_pydronecan() {
-    both_ways("18042E0A 01 01 00 C0", Message::HardpointCommand(1, 1), "hardpoint.Command 1 hold");
+    both_ways(
+        "18042E0A 01 01 00 C0",
+        Message::HardpointCommand(HardpointCommand { hardpoint: 1, command: 1 }),
+        "hardpoint.Command 1 hold",
+    );
     both_ways(
         "10042E0A 05 34 12 C3",
-        Message::HardpointCommand(5, 0x1234),
+        Message::HardpointCommand(HardpointCommand { hardpoint: 5, command: 0x1234 }),
         "hardpoint.Command 5 hold 4660",
     );
     both_ways(
@@ -499,7 +503,11 @@ fn lights_and_switches_equal_pydronecan() {
          63 blue 30",
     );
     both_ways("184E200A FF C2", Message::SafetyState(255), "SafetyState off");
-    both_ways("184E2178 01 0A C9", Message::Button(1, 10), "indication.Button 1 pressed for 1.0 s");
+    both_ways(
+        "184E2178 01 0A C9",
+        Message::Button(Button { button: 1, tenths: 10 }),
+        "indication.Button 1 pressed for 1.0 s",
+    );
 }
 
 #[test]
@@ -551,6 +559,25 @@ fn anonymous_identifiers_equal_pydronecan() {
         assert_eq!(transfer.id, expected);
         assert_eq!(transfer.id.build(), vector.id);
         assert!(Message::decode(&transfer).to_string().starts_with("Allocation"));
+    }
+}
+
+/// A row with the ID of another row would never be found.
+#[test]
+fn each_type_has_an_id_of_its_own() {
+    for known in types::KNOWN {
+        let source = NodeId::new(1).unwrap();
+        let id = match known.kind {
+            Kind::Message => known.message_id(16, source),
+            Kind::Service => CanId::Service {
+                priority: 16,
+                service_id: known.id as u8,
+                request: true,
+                destination: source,
+                source,
+            },
+        };
+        assert_eq!(DataType::of(id), Some(known));
     }
 }
 

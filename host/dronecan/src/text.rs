@@ -44,6 +44,11 @@ pub(crate) fn write_raw(f: &mut fmt::Formatter<'_>, payload: &[u8]) -> fmt::Resu
     if payload.is_empty() { Ok(()) } else { write!(f, " {}", hex(payload)) }
 }
 
+/// Writes a space and a value.
+pub(crate) fn display<T: fmt::Display>(f: &mut fmt::Formatter<'_>, value: &T) -> fmt::Result {
+    write!(f, " {value}")
+}
+
 /// Writes a list, or "(empty)".
 pub(crate) fn list<T: fmt::Display>(f: &mut fmt::Formatter<'_>, items: &[T]) -> fmt::Result {
     if items.is_empty() {

@@ -3,11 +3,17 @@
 use super::bits::{Reader, Writer};
 use super::id::TransferType;
 use super::parameters;
-use super::transfer::{Route, Transfer};
+use super::table::table;
+use super::transfer::Transfer;
 use super::types::{self, DataType};
-use crate::management::{self, ParameterRequest, ParameterResponse};
+use crate::broadcast::{decode_byte, encode_byte};
+use crate::dispatch::{decode, encode, message_enum, write_fields};
+use crate::management::{
+    self, ParameterRequest, ParameterResponse, decode_restart, decode_restarted, encode_restart,
+    encode_restarted, write_magic, write_ok,
+};
 use crate::status::{Health, Mode, StatusField};
-use crate::text::{list, write_raw};
+use crate::text::{display, list};
 use crate::types::Kind;
 use half::f16;
 use std::fmt;
@@ -217,30 +223,7 @@ impl fmt::Display for ActuatorCommand {
     }
 }
 
-/// A decoded transfer. `Display` gives "draft.ArrayCommand id 1 +0.50".
-#[derive(Clone, Debug, PartialEq)]
-pub enum Message {
-    NodeStatus(NodeStatus),
-    ArrayCommand(Vec<ActuatorCommand>),
-    /// Servo command of the thesis, 0 to 255 over the full travel.
-    ThesisCommand(u8),
-    /// Measurement of a node of the thesis: degrees Celsius, or the number of presses of its
-    /// button.
-    ThesisMeasurement(u8),
-    NodeInfoRequest,
-    NodeInfo(Box<NodeInfo>),
-    /// The magic number.
-    RestartNode(u64),
-    /// True if the node restarts.
-    Restarting(bool),
-    ParameterRequest(ParameterRequest),
-    ParameterResponse(ParameterResponse),
-    /// A type that is not decoded, or a payload that does not fit its type: name and bytes.
-    Other {
-        name: String,
-        payload: Vec<u8>,
-    },
-}
+table!(message_enum);
 
 impl Message {
     /// Decodes a transfer. Never fails: what cannot be decoded is `Other`.
@@ -252,82 +235,13 @@ impl Message {
     }
 
     fn decode_known(transfer: &Transfer) -> Option<Message> {
-        let payload = transfer.payload.as_slice();
-        let byte = || match *payload {
-            [byte] => Some(byte),
-            _ => None,
-        };
-        let data_type = DataType::of(transfer.type_id, transfer.route.transfer_type())?;
-        match (*data_type, transfer.route) {
-            (types::NODE_STATUS, _) => NodeStatus::decode(payload).map(Message::NodeStatus),
-            (types::ARRAY_COMMAND, _) => {
-                ActuatorCommand::decode_array(payload).map(Message::ArrayCommand)
-            }
-            (types::THESIS_COMMAND, _) => byte().map(Message::ThesisCommand),
-            (types::THESIS_MEASUREMENT, _) => byte().map(Message::ThesisMeasurement),
-            (types::GET_NODE_INFO, Route::Request(_)) => {
-                payload.is_empty().then_some(Message::NodeInfoRequest)
-            }
-            (types::GET_NODE_INFO, _) => {
-                NodeInfo::decode(payload).map(|info| Message::NodeInfo(Box::new(info)))
-            }
-            (types::RESTART_NODE, Route::Request(_)) => {
-                management::decode_restart(payload).map(Message::RestartNode)
-            }
-            (types::RESTART_NODE, _) => {
-                management::decode_restarted(payload).map(Message::Restarting)
-            }
-            (types::GET_SET, Route::Request(_)) => {
-                parameters::decode_request(payload).map(Message::ParameterRequest)
-            }
-            (types::GET_SET, _) => {
-                parameters::decode_response(payload).map(Message::ParameterResponse)
-            }
-            _ => None,
+        let (transfer_type, payload) = (transfer.route.transfer_type(), &transfer.payload);
+        let data_type = DataType::of(transfer.type_id, transfer_type)?;
+        match transfer_type {
+            TransferType::ServiceRequest => Message::decode_request(data_type, payload),
+            TransferType::ServiceResponse => Message::decode_response(data_type, payload),
+            _ => Message::decode_message(data_type, payload),
         }
-    }
-
-    /// Type and payload; `None` for `Other`, which does not have its type.
-    pub fn encode(&self) -> Option<(&'static DataType, Vec<u8>)> {
-        Some(match self {
-            Message::NodeStatus(status) => (&types::NODE_STATUS, status.encode()),
-            Message::ArrayCommand(commands) => {
-                (&types::ARRAY_COMMAND, ActuatorCommand::encode_array(commands))
-            }
-            Message::ThesisCommand(byte) => (&types::THESIS_COMMAND, vec![*byte]),
-            Message::ThesisMeasurement(byte) => (&types::THESIS_MEASUREMENT, vec![*byte]),
-            Message::NodeInfoRequest => (&types::GET_NODE_INFO, Vec::new()),
-            Message::NodeInfo(info) => (&types::GET_NODE_INFO, info.encode()),
-            Message::RestartNode(magic) => {
-                (&types::RESTART_NODE, management::encode_restart(*magic))
-            }
-            Message::Restarting(ok) => (&types::RESTART_NODE, management::encode_restarted(*ok)),
-            Message::ParameterRequest(request) => {
-                (&types::GET_SET, parameters::encode_request(request))
-            }
-            Message::ParameterResponse(response) => {
-                (&types::GET_SET, parameters::encode_response(response))
-            }
-            Message::Other { .. } => return None,
-        })
-    }
-
-    /// Name of the type, with the direction of a service: "draft.GetNodeInfo request".
-    pub fn name(&self) -> String {
-        if let Message::Other { name, .. } = self {
-            return name.clone();
-        }
-        let name = self.encode().map_or("", |(data_type, _)| data_type.name);
-        let direction = match self {
-            Message::NodeInfoRequest | Message::RestartNode(_) | Message::ParameterRequest(_) => {
-                " request"
-            }
-            Message::NodeInfo(_) | Message::Restarting(_) | Message::ParameterResponse(_) => {
-                " response"
-            }
-            _ => "",
-        };
-        format!("{name}{direction}")
     }
 }
 
@@ -342,23 +256,5 @@ pub fn name_of(type_id: u16, transfer_type: TransferType) -> String {
         (Some(known), _) => format!("{}{direction}", known.name),
         (None, Kind::Message) => format!("draft message {type_id}"),
         (None, Kind::Service) => format!("draft service {type_id}{direction}"),
-    }
-}
-
-impl fmt::Display for Message {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", self.name())?;
-        match self {
-            Message::NodeStatus(status) => write!(f, " {status}"),
-            Message::ArrayCommand(commands) => list(f, commands),
-            Message::ThesisCommand(byte) | Message::ThesisMeasurement(byte) => write!(f, " {byte}"),
-            Message::NodeInfoRequest => Ok(()),
-            Message::NodeInfo(info) => write!(f, " {info}"),
-            Message::RestartNode(magic) => management::write_magic(f, *magic),
-            Message::Restarting(ok) => management::write_ok(f, *ok),
-            Message::ParameterRequest(request) => write!(f, " {request}"),
-            Message::ParameterResponse(response) => write!(f, " {response}"),
-            Message::Other { payload, .. } => write_raw(f, payload),
-        }
     }
 }
