@@ -71,17 +71,8 @@ pub fn draw(frame: &mut Frame<'_>, state: &State, screen: &Screen) -> usize {
         return 0;
     }
     let with_dial = area.height >= DIAL_FROM_ROWS;
-    // Only some programs measure a circuit or a battery, have relays, or count pulses.
-    let circuit_rows = [
-        state.circuit.is_some(),
-        state.battery.is_some(),
-        !state.hardpoints.is_empty(),
-        state.wiring.rpm.is_some(),
-    ]
-    .into_iter()
-    .map(u16::from)
-    .sum::<u16>();
-    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + circuit_rows + BUS_ROWS };
+    let measured_rows = measured_lines(state).len() as u16;
+    let top_rows = if with_dial { DIAL_ROWS } else { READINGS_ROWS + measured_rows + BUS_ROWS };
     let columns = usize::from(area.width);
     let mut note_lines = output_lines(state, columns);
     note_lines.extend(failure_lines(state, columns));
@@ -303,9 +294,16 @@ fn output_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
     cells.chunks(in_a_line).map(|cells| Line::from(cells.concat())).collect()
 }
 
+/// A line for each measurement that only some programs send: of a circuit, a battery, relays, a
+/// shaft.
+fn measured_lines(state: &State) -> Vec<Line<'static>> {
+    let lines = [circuit_line, battery_line, hardpoint_line, shaft_line];
+    lines.into_iter().filter_map(|line| line(state)).collect()
+}
+
 /// The last CircuitStatus of the node; `None` before the first.
 fn circuit_line(state: &State) -> Option<Line<'static>> {
-    let circuit = state.circuit?;
+    let circuit = state.measured.circuit?;
     let [voltage, current] =
         [(circuit.voltage, "V"), (circuit.current, "A")].map(|(value, unit)| {
             if value.is_nan() {
@@ -321,9 +319,9 @@ fn circuit_line(state: &State) -> Option<Line<'static>> {
 /// The last BatteryInfo of the node; `None` before the first. Voltage and current are here only if
 /// no CircuitStatus has them.
 fn battery_line(state: &State) -> Option<Line<'static>> {
-    let battery = state.battery.as_ref()?;
+    let battery = state.measured.battery.as_ref()?;
     let mut text = format!("battery {}", battery.battery);
-    if state.circuit.is_none() {
+    if state.measured.circuit.is_none() {
         let (volts, amperes) = (battery.voltage.to_f32(), battery.current.to_f32());
         text += &format!(" {volts:.2} V {amperes:.2} A");
     }
@@ -334,6 +332,7 @@ fn battery_line(state: &State) -> Option<Line<'static>> {
 /// The node's relays, with the last hardpoint.Status of each; `None` before the first.
 fn hardpoint_line(state: &State) -> Option<Line<'static>> {
     let texts: Vec<String> = state
+        .measured
         .hardpoints
         .iter()
         .map(|(id, &status)| format!("{id} {}", hardpoint_text(status)))
@@ -345,7 +344,7 @@ fn hardpoint_line(state: &State) -> Option<Line<'static>> {
 /// pulses.
 fn shaft_line(state: &State) -> Option<Line<'static>> {
     let pin = state.wiring.rpm?;
-    let sent = match state.rpm {
+    let sent = match state.measured.rpm {
         Some(rpm) if rpm.flags & Rpm::UNHEALTHY != 0 => Span::styled("node UNHEALTHY", BAD),
         Some(rpm) => Span::from(format!("node {} rpm", rpm.speed_text())),
         None => Span::from("node sends none (RPM_RATE)"),
@@ -369,11 +368,11 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
         (None, _) => Line::styled("no pulse: the servo is free", WARN),
     };
     let angle = pulse_us.map_or(String::from("-"), |us| format!("{:+.1} deg", angle_degrees(us)));
-    let measured = match (state.temperature, state.thesis_temperature_c) {
+    let measured = match (state.measured.temperature, state.measured.thesis_temperature_c) {
         (Some(measured), Some(thesis)) => format!("node {:.1} C, {thesis} C", measured.celsius()),
         (Some(measured), None) => format!("node {:.1} C", measured.celsius()),
         (None, Some(thesis)) => format!("node {thesis} C"),
-        (None, None) => match state.draft_measurement {
+        (None, None) => match state.measured.draft_measurement {
             Some(number) => format!("node sends {number}"),
             None => String::from("node sends none"),
         },
@@ -528,10 +527,7 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
         line.push_span(Span::from(" B"));
         lines.push(line);
     }
-    lines.extend(circuit_line(state));
-    lines.extend(battery_line(state));
-    lines.extend(hardpoint_line(state));
-    lines.extend(shaft_line(state));
+    lines.extend(measured_lines(state));
     let block = Block::bordered().title(title);
     frame.render_widget(Paragraph::new(lines).block(block), area);
 }

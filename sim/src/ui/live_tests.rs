@@ -475,14 +475,14 @@ fn the_battery_is_shown_with_its_charge_and_without_the_circuit_with_voltage_and
     let mut state = at_work();
     let mut battery = battery_info(40.0, 80);
     battery.flags = 0x21;
-    state.battery = Some(battery);
+    state.measured.battery = Some(battery);
     for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
         let picture = drawn(&state, &Screen::default(), columns, rows);
         shows(&picture, &["battery 3 12.60 V 3.20 A 80 % 40.0 Wh"]);
     }
     shows(&drawn(&state, &Screen::default(), 140, 45), &["40.0 Wh OVERLOAD", "flash 9,876"]);
     let (voltage, current) = (f16::from_f32(12.6), f16::from_f32(3.2));
-    state.circuit = Some(CircuitStatus { circuit: 1, voltage, current, errors: 0 });
+    state.measured.circuit = Some(CircuitStatus { circuit: 1, voltage, current, errors: 0 });
     shows(
         &drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN),
         &["circuit 12.60 V  3.20 A", "battery 3 80 % 40.0 Wh OVERLOAD", "flash 9,876"],
@@ -492,7 +492,7 @@ fn the_battery_is_shown_with_its_charge_and_without_the_circuit_with_voltage_and
 #[test]
 fn the_relays_are_shown_with_what_they_do() {
     let mut state = at_work();
-    state.hardpoints = [(5, 0), (6, 1)].into();
+    state.measured.hardpoints = [(5, 0), (6, 1)].into();
     for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
         let picture = drawn(&state, &Screen::default(), columns, rows);
         shows(&picture, &["hardpoint 5 release, 6 hold", "flash 9,876"]);
@@ -506,7 +506,7 @@ fn the_shaft_is_shown_with_the_speed_that_the_node_sends() {
     state.shaft_rpm = 6000;
     for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (140, 45)] {
         let mut shown = |rpm: Option<Rpm>, text: &str| {
-            state.rpm = rpm;
+            state.measured.rpm = rpm;
             let picture = drawn(&state, &Screen::default(), columns, rows);
             shows(&picture, &[&format!("shaft (D3) 6000 rpm  node {text}"), "flash 9,876"]);
         };

@@ -13,6 +13,7 @@ pub mod findings;
 pub mod history;
 pub mod keys;
 pub mod live;
+mod measured;
 pub mod mistakes;
 pub mod pace;
 pub mod plain;

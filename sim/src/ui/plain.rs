@@ -34,13 +34,10 @@ pub struct Plain<W> {
     counts: BTreeMap<(String, String), u32>,
     error_lines: u32,
     lost_lines: u32,
-    /// Pulse width, widths of the further outputs, circuit, battery and shaft, as they were printed
-    /// last.
+    /// Pulse width, widths of the further outputs, and measurements, as they were printed last.
     last_pulse: Option<Option<Cycles>>,
     last_outputs: Vec<Option<Cycles>>,
-    last_circuit: String,
-    last_battery: String,
-    last_shaft: String,
+    last_measured: [String; 3],
 }
 
 impl<W: Write> Plain<W> {
@@ -56,9 +53,7 @@ impl<W: Write> Plain<W> {
             lost_lines: 0,
             last_pulse: None,
             last_outputs: Vec::new(),
-            last_circuit: String::new(),
-            last_battery: String::new(),
-            last_shaft: String::new(),
+            last_measured: Default::default(),
         }
     }
 
@@ -76,9 +71,7 @@ impl<W: Write> Plain<W> {
         if has_begun_or_ended || state.now >= self.next_servo_at {
             self.print_servo(state)?;
             self.print_outputs(state)?;
-            self.print_circuit(state)?;
-            self.print_battery(state)?;
-            self.print_shaft(state)?;
+            self.print_measured(state)?;
             self.next_servo_at = state.now + SERVO_PERIOD;
         }
         if state.now >= self.next_traffic_at {
@@ -169,31 +162,14 @@ impl<W: Write> Plain<W> {
         self.line(state.now, "outputs", &text)
     }
 
-    fn print_circuit(&mut self, state: &State) -> io::Result<()> {
-        let text = state.circuit.map_or(String::new(), |circuit| circuit.to_string());
-        if text == self.last_circuit {
-            return Ok(());
+    fn print_measured(&mut self, state: &State) -> io::Result<()> {
+        for (index, (topic, text)) in state.measured.printed().into_iter().enumerate() {
+            if text != self.last_measured[index] {
+                self.line(state.now, topic, &text)?;
+                self.last_measured[index] = text;
+            }
         }
-        self.last_circuit = text.clone();
-        self.line(state.now, "power", &text)
-    }
-
-    fn print_battery(&mut self, state: &State) -> io::Result<()> {
-        let text = state.battery.as_ref().map_or(String::new(), |battery| battery.to_string());
-        if text == self.last_battery {
-            return Ok(());
-        }
-        self.last_battery = text.clone();
-        self.line(state.now, "power", &text)
-    }
-
-    fn print_shaft(&mut self, state: &State) -> io::Result<()> {
-        let text = state.rpm.map_or(String::new(), |rpm| rpm.to_string());
-        if text == self.last_shaft {
-            return Ok(());
-        }
-        self.last_shaft = text.clone();
-        self.line(state.now, "shaft", &text)
+        Ok(())
     }
 
     fn print_traffic(&mut self, state: &State) -> io::Result<()> {
@@ -421,7 +397,7 @@ mod tests {
                 let width = if number < 60 { 16_000 } else { 24_008 };
                 state.set_output_pulses([Some((now, width)), None, Some((now, 24_000)), None]);
             }
-            state.circuit = (number > 30).then(|| CircuitStatus {
+            state.measured.circuit = (number > 30).then(|| CircuitStatus {
                 circuit: 120,
                 voltage: f16::from_f32(12.6),
                 current: f16::from_f32(3.2),
@@ -451,7 +427,7 @@ mod tests {
         let mut out = Vec::new();
         let mut plain = Plain::new(&mut out, false);
         for (second, charge) in [(1, 80), (2, 80), (3, 79)] {
-            state.battery = Some(battery_info(40.0, charge));
+            state.measured.battery = Some(battery_info(40.0, charge));
             state.advance_to(second * F_CPU_HZ);
             plain.step(&mut state).unwrap();
         }
@@ -470,7 +446,7 @@ mod tests {
         let mut out = Vec::new();
         let mut plain = Plain::new(&mut out, false);
         for (second, flags, rpm) in [(1, 0, 6000.0), (2, 0, 6000.0), (3, 0, 61.75), (4, 1, 0.0)] {
-            state.rpm = Some(Rpm { sensor: 3, flags, rpm });
+            state.measured.rpm = Some(Rpm { sensor: 3, flags, rpm });
             state.advance_to(second * F_CPU_HZ);
             plain.step(&mut state).unwrap();
         }

@@ -305,19 +305,19 @@ impl Report {
                 .zip(2..)
                 .map(|(width, output)| Output { output, width_us: width.map(micros) })
                 .collect(),
-            circuit: state.circuit.map(|circuit| Circuit {
+            circuit: state.measured.circuit.map(|circuit| Circuit {
                 circuit_id: circuit.circuit,
                 voltage_v: Some(circuit.voltage.to_f32()).filter(|volts| !volts.is_nan()),
                 current_a: Some(circuit.current.to_f32()).filter(|amperes| !amperes.is_nan()),
                 error_flags: circuit.errors,
             }),
-            battery: state.battery.as_ref().map(|battery| Battery {
+            battery: state.measured.battery.as_ref().map(|battery| Battery {
                 battery_id: battery.battery,
                 charge_percent: Some(battery.charge).filter(|&charge| charge != PERCENT_UNKNOWN),
                 remaining_wh: Some(battery.remaining_wh.to_f32()).filter(|energy| !energy.is_nan()),
                 status_flags: battery.flags,
             }),
-            rpm: state.rpm.map(|rpm| Revolutions {
+            rpm: state.measured.rpm.map(|rpm| Revolutions {
                 sensor_id: rpm.sensor,
                 rpm: rpm.rpm,
                 flags: rpm.flags,
@@ -420,7 +420,7 @@ mod tests {
         );
         state.set_output_pulses([None, Some((0, 24_008)), None]);
         let (voltage, current) = (f16::from_f32(12.5), f16::NAN);
-        state.circuit = Some(CircuitStatus { circuit: 120, voltage, current, errors: 1 });
+        state.measured.circuit = Some(CircuitStatus { circuit: 120, voltage, current, errors: 1 });
         let report = json(&state);
         let outputs =
             serde_json::json!([{"output": 2, "width_us": null}, {"output": 3, "width_us": 1500.5}]);
@@ -436,12 +436,12 @@ mod tests {
         assert_eq!(json(&state)["battery"], serde_json::Value::Null);
         let mut battery = battery_info(40.0, 80);
         battery.flags = 33;
-        state.battery = Some(battery);
+        state.measured.battery = Some(battery);
         let known = serde_json::json!({
             "battery_id": 3, "charge_percent": 80, "remaining_wh": 40.0, "status_flags": 33
         });
         assert_eq!(json(&state)["battery"], known);
-        state.battery = Some(battery_info(f32::NAN, PERCENT_UNKNOWN));
+        state.measured.battery = Some(battery_info(f32::NAN, PERCENT_UNKNOWN));
         let unknown = serde_json::json!({
             "battery_id": 3, "charge_percent": null, "remaining_wh": null, "status_flags": 1
         });
@@ -452,7 +452,7 @@ mod tests {
     fn the_report_has_the_revolutions() {
         let mut state = State::new(1_000_000);
         assert_eq!(json(&state)["rpm"], serde_json::Value::Null);
-        state.rpm = Some(Rpm { sensor: 3, flags: 1, rpm: 61.75 });
+        state.measured.rpm = Some(Rpm { sensor: 3, flags: 1, rpm: 61.75 });
         let expected = serde_json::json!({ "sensor_id": 3, "rpm": 61.75, "flags": 1 });
         assert_eq!(json(&state)["rpm"], expected);
     }

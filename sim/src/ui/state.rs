@@ -5,6 +5,7 @@
 //! counters are not.
 
 use super::history::Log;
+use super::measured::Measured;
 use super::mistakes::Mistakes;
 use super::traffic::{Origin, Traffic, TrafficLine};
 use crate::fault::Fault;
@@ -12,15 +13,15 @@ use bench::board::SpiUse;
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
-    BatteryInfo, CanId, CircuitStatus, DataType, Decoded, Dialect, Message, NodeId, NodeStatus,
-    Observation, Observer, Rpm, Temperature, draft, text::visible,
+    CanId, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation, Observer, draft,
+    text::visible,
 };
 use bench::vendor_code;
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
 use bus_load::measured::LoadByType;
 use std::cell::RefCell;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::VecDeque;
 
 /// Bus load and frame rate are measured over this time.
 const RATE_WINDOW: Cycles = F_CPU_HZ;
@@ -199,24 +200,12 @@ pub struct State {
     pub light_percent: u32,
     /// Temperature at the sensor, in degrees Celsius.
     pub sensor_c: f64,
-    pub temperature: Option<Temperature>,
     /// Millivolts at the inputs for the voltage and the current of the circuit.
     pub circuit_inputs_mv: [u32; 2],
-    /// Last CircuitStatus of the node.
-    pub circuit: Option<CircuitStatus>,
-    /// Last BatteryInfo of the node.
-    pub battery: Option<BatteryInfo>,
     /// Revolutions a minute of the shaft at the node's input.
     pub shaft_rpm: u32,
-    /// Last sensors.rpm.RPM of the node.
-    pub rpm: Option<Rpm>,
-    /// Last hardpoint.Status of each relay of the node, by ID.
-    pub hardpoints: BTreeMap<u8, u16>,
-    /// Last temperature that the node sent in the thesis's message, in degrees Celsius.
-    pub thesis_temperature_c: Option<u8>,
-    /// Last measurement that the node sent in the draft: degrees Celsius, or the presses of its
-    /// button.
-    pub draft_measurement: Option<u8>,
+    /// The measurements in the node's last messages.
+    pub measured: Measured,
     /// Last NodeStatus of the node under test, and its time. A status of the draft is converted to
     /// v0.
     pub status: Option<(Cycles, NodeId, NodeStatus)>,
@@ -523,7 +512,7 @@ impl State {
             }
         }
         if from_node {
-            self.set_measurement(&transfer);
+            self.measured.keep(&transfer);
         }
         let origin = if from_node { Origin::Node } else { Origin::Other };
         let (who, name, text) = (transfer.endpoints(), transfer.name(), transfer.to_string());
@@ -534,36 +523,10 @@ impl State {
     /// dialect are out of date and dropped.
     fn set_node_status(&mut self, at: Cycles, node: NodeId, status: NodeStatus, dialect: Dialect) {
         if dialect != self.dialect {
-            (self.temperature, self.thesis_temperature_c, self.draft_measurement) =
-                (None, None, None);
-            (self.circuit, self.battery, self.rpm) = (None, None, None);
-            self.hardpoints.clear();
+            self.measured = Measured::default();
         }
         self.dialect = dialect;
         self.status = Some((at, node, status));
-    }
-
-    fn set_measurement(&mut self, transfer: &Decoded) {
-        match transfer {
-            Decoded::V0(_, Message::Temperature(temperature)) => {
-                self.temperature = Some(*temperature)
-            }
-            Decoded::V0(_, Message::CircuitStatus(circuit)) => self.circuit = Some(*circuit),
-            Decoded::V0(_, Message::Rpm(rpm)) => self.rpm = Some(*rpm),
-            Decoded::V0(_, Message::HardpointStatus(status)) => {
-                self.hardpoints.insert(status.hardpoint, status.status);
-            }
-            Decoded::V0(_, Message::BatteryInfo(battery)) => {
-                self.battery = Some(battery.as_ref().clone())
-            }
-            Decoded::V0(_, Message::ThesisTemperature(degrees)) => {
-                self.thesis_temperature_c = Some(*degrees)
-            }
-            Decoded::Draft(_, draft::Message::ThesisMeasurement(number)) => {
-                self.draft_measurement = Some(*number)
-            }
-            _ => {}
-        }
     }
 
     /// Adds a frame that is not part of a known DroneCAN transfer. Other protocols may share the
@@ -613,7 +576,8 @@ pub fn error_state_name(state: &ErrorState) -> &'static str {
 
 /// Battery 3 at 12.6 V and 3.2 A, with this energy and charge left.
 #[cfg(test)]
-pub fn battery_info(remaining_wh: f32, charge: u8) -> BatteryInfo {
+pub fn battery_info(remaining_wh: f32, charge: u8) -> bench::dronecan::BatteryInfo {
+    use bench::dronecan::BatteryInfo;
     use half::f16;
     BatteryInfo {
         temperature: f16::NAN,
@@ -694,7 +658,7 @@ mod tests {
             true,
             Some("node"),
         );
-        assert!(state.temperature.is_some());
+        assert!(state.measured.temperature.is_some());
         state.add_record(
             &record(16_000, 0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]),
             true,
@@ -705,7 +669,10 @@ mod tests {
         let (at, node_id, status) = state.status.unwrap();
         assert_eq!((at, node_id.get(), state.dialect), (16_000, 120, Dialect::Draft));
         assert_eq!(status.to_string(), "WARNING OPERATIONAL up 11259375 s vendor 0xBEEF");
-        assert_eq!((state.temperature, state.draft_measurement), (None, Some(23)));
+        assert_eq!(
+            (state.measured.temperature, state.measured.draft_measurement),
+            (None, Some(23))
+        );
         let events = state.take_events();
         let expected =
             Event::Status(node_id, String::from("draft, WARNING up 11259375 s vendor 0xBEEF"));
@@ -719,9 +686,9 @@ mod tests {
         let mut state = State::new(1_000_000);
         let data = [0x34, 0x12, 0x4D, 0x4A, 0x66, 0xC2, 0x06, 0xC5];
         state.add_record(&record(16_000, 0x1804_4301, &data), false, Some("other"));
-        assert_eq!(state.circuit, None);
+        assert_eq!(state.measured.circuit, None);
         state.add_record(&record(32_000, 0x1804_4378, &data), true, Some("node"));
-        assert_eq!(state.circuit.unwrap().circuit, 0x1234);
+        assert_eq!(state.measured.circuit.unwrap().circuit, 0x1234);
         assert_eq!(
             state.traffic.last().unwrap().text,
             "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT"
@@ -736,7 +703,10 @@ mod tests {
         {
             state.add_record(&record(at, 0x1804_1578, &data), true, Some("node"));
         }
-        assert_eq!(state.rpm, Some(Rpm { sensor: 3, flags: 0, rpm: 6000.0 }));
+        assert_eq!(
+            state.measured.rpm,
+            Some(bench::dronecan::Rpm { sensor: 3, flags: 0, rpm: 6000.0 })
+        );
     }
 
     #[test]
@@ -746,7 +716,7 @@ mod tests {
             let data = [id, 0x00, 0x7E, 0x00, 0x7E, status, 0, 0xC0];
             state.add_record(&record(at, 0x1804_2F78, &data), true, Some("node"));
         }
-        assert_eq!(state.hardpoints, [(5, 0), (6, 3)].into());
+        assert_eq!(state.measured.hardpoints, [(5, 0), (6, 3)].into());
     }
 
     #[test]
@@ -761,7 +731,7 @@ mod tests {
         for (at, data) in frames {
             state.add_record(&record(at.into(), 0x1804_4478, data), true, Some("node"));
         }
-        assert_eq!(state.battery.unwrap().charge, 92);
+        assert_eq!(state.measured.battery.unwrap().charge, 92);
         assert_eq!(
             state.traffic.last().unwrap().text,
             "power.BatteryInfo battery 7 12.50 V 10.00 A 92 % 15.0 Wh 25.1 C OVERLOAD"
