@@ -160,7 +160,7 @@ third-party: setup-build
 	done
 # "bridge" and "rig" are in each call, so that the crates below the simulator always have the same
 # features: cargo builds the simulator once.
-TESTED := $(addprefix -p ,boot bounds bridge fuzz-harness mcp2515-ordered dronecan-wire dronecan-host can-frame \
+TESTED := $(addprefix -p ,boards boot bounds bridge fuzz-harness mcp2515-ordered dronecan-wire dronecan-host can-frame \
 	sim-base can-model mcp2515-model bus-load can-link node-update avr-chip avr-model bench sim rig)
 test-programs: setup-build
 	cargo test --no-run $(TESTED) -p tests

@@ -2,25 +2,23 @@
 //! (avr-specs/budget.toml); and the program the baud rate of uploads (avr-specs/boards.toml). The
 //! board's wiring comes from the node's library.
 
+use boards::Choice;
 use toml::Table;
 
 const SPECS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../avr-specs");
 
 fn main() {
     println!("cargo::rerun-if-changed={SPECS}");
-    println!("cargo::rerun-if-env-changed=NODE_BOARD");
+    for name in boards::VARIABLES {
+        println!("cargo::rerun-if-env-changed={name}");
+    }
     println!("cargo::rerun-if-changed=build.rs");
     let target = std::env::var("TARGET").expect("cargo names the target");
     let Some(chip) = target.strip_prefix("avr-") else { return };
     let budget = table("budget.toml");
     let limit = |name: &str| budget[chip][name].as_integer().expect("a number");
-    let boards = table("boards.toml");
-    let default = boards["default_board"].as_str().expect("a name");
-    let board = std::env::var("NODE_BOARD")
-        .ok()
-        .filter(|name| !name.is_empty())
-        .unwrap_or_else(|| default.to_owned());
-    let baud = boards["boards"][board.as_str()]["upload_baud"].as_integer().expect("a number");
+    let choice = Choice::of_environment(|name| std::env::var(name).ok());
+    let baud = boards::number(choice.board(), "upload_baud");
     println!("cargo::rustc-env=UPLOAD_BAUD={baud}");
     let (start, end, ram_end) = (limit("flash"), limit("flash_of_chip"), limit("ram_end"));
     println!("cargo::rustc-env=BOOT_SECTION={start}");

@@ -1,5 +1,6 @@
 """The table of boards, avr-specs/boards.toml, and the choice of a board that the scripts get as
-options.
+options. crates/boards does the same for programs in Rust. Its tests compare what both derive from
+the table, for every choice.
 """
 
 import dataclasses
@@ -17,8 +18,6 @@ TAKEN = ["D0", "D1", "D11", "D12", "D13"]
 PINS = [f"D{n}" for n in range(14)] + [f"A{n}" for n in range(6)]
 INTERRUPTS = ["D2", "D3"]
 CRYSTALS_MHZ = [8, 16]
-# Hardware version of wiring that no entry of the table has.
-OWN_WIRING = 255
 
 # Lock bits (datasheet, "Boot Loader Lock Bits"). While chips are written they are open. BLB1 mode 2
 # protects the boot section from SPM. Mode 3 would also keep the program from reading it, and so
@@ -230,10 +229,8 @@ def choose(arguments):
             f"INT={arguments.int}: use {' or '.join(INTERRUPTS)}. Only they have an interrupt of "
             "their own."
         )
-    taken = {*TAKEN, *INTERRUPTS, *(TABLE["pins"][name] for name in ("light", "button", "sensor"))}
-    if cs in taken:
-        free = [name for name in PINS if name not in taken]
-        sys.exit(f"CS={arguments.cs}: the pin is taken. Use one of {', '.join(free)}.")
+    if cs not in pins_for_cs():
+        sys.exit(f"CS={arguments.cs}: the pin is taken. Use one of {', '.join(pins_for_cs())}.")
     crystal = (
         arguments.crystal.upper().removesuffix("MHZ").strip()
         if arguments.crystal
@@ -245,6 +242,12 @@ def choose(arguments):
             "it is stamped on the crystal."
         )
     return Choice(board, shield, cs, interrupt, int(crystal))
+
+
+def pins_for_cs():
+    """The pins that CS can have: those without another signal, or from which the other moves."""
+    taken = {*TAKEN, *INTERRUPTS, *(TABLE["pins"][name] for name in ("light", "button", "sensor"))}
+    return [name for name in PINS if name not in taken]
 
 
 def every():

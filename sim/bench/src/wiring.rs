@@ -7,20 +7,13 @@
 use crate::avr::{Chip, Firmware, Oc, value_of};
 use crate::dronecan::text::visible;
 use anyhow::{Context, Result, bail, ensure};
+pub use boards::BIT_RATES;
 use std::fmt;
 use std::str::FromStr;
-use std::sync::LazyLock;
-use toml::{Table, Value};
+use toml::Value;
 
-const TABLE: &str = include_str!("../../../avr-specs/boards.toml");
-
-/// Bit rates of nodes, the highest first.
-pub const BIT_RATES: [u32; 4] = [1_000_000, 500_000, 250_000, 125_000];
 /// Oscillator frequencies that the MCP2515 allows, in MHz (DS20001801J section 13).
 const CRYSTALS_MHZ: std::ops::RangeInclusive<u32> = 1..=40;
-/// Oscillator periods of the shortest bit: 5 time quanta of 2 periods (DS20001801J sections 5.1 and
-/// 5.2).
-const SHORTEST_BIT_PERIODS: u32 = 10;
 /// Pins of the serial port and of the SPI, and their signals.
 const TAKEN: [(&str, &str); 5] = [
     ("D0", "the serial port"),
@@ -123,8 +116,7 @@ pub struct Wiring {
 /// The table's default board with the default CAN board.
 impl Default for Wiring {
     fn default() -> Wiring {
-        let name = |key: &str| text(&table()[key], key);
-        Wiring::of(&name("default_board"), &name("default_shield"))
+        Wiring::of(boards::default_board(), boards::default_shield())
             .expect("the table has its defaults")
     }
 }
@@ -135,23 +127,21 @@ impl Wiring {
     /// # Errors
     /// If the table does not have both; the message lists the right names.
     pub fn of(board: &str, shield: &str) -> Result<Wiring> {
-        let chip = text(field(entry("boards", board)?, "chip"), "chip");
-        let pins = &table()["pins"];
-        let pin =
-            |key: &str| text(field(pins, key), key).parse::<Pin>().map_err(anyhow::Error::msg);
+        let chip = boards::text(entry("boards", board)?, "chip");
+        let pin = |signal: &str| of_table(boards::pin(signal));
         let mut wiring = Wiring {
             board: board.to_owned(),
             shield: String::new(),
             chip: chip.parse().map_err(anyhow::Error::msg)?,
             // `set_shield` below sets these four.
-            cs: pin("button")?,
-            int: pin("button")?,
+            cs: pin("button"),
+            int: pin("button"),
             crystal_mhz: 0,
-            servo: pin("button")?,
+            servo: pin("button"),
             outputs: Vec::new(),
-            light: Some(pin("light")?),
-            button: Some(pin("button")?),
-            sensor: pin("sensor")?,
+            light: Some(pin("light")),
+            button: Some(pin("button")),
+            sensor: pin("sensor"),
             power: None,
             rpm: None,
         };
@@ -268,7 +258,7 @@ impl Wiring {
     /// # Errors
     /// If the table has no board of this name; the message lists the right names.
     pub fn set_board(&mut self, name: &str) -> Result<()> {
-        let other = Wiring::of(name, &text(&table()["default_shield"], "default_shield"))?;
+        let other = Wiring::of(name, boards::default_shield())?;
         (self.board, self.chip) = (other.board, other.chip);
         Ok(())
     }
@@ -279,11 +269,11 @@ impl Wiring {
     /// If the table has no CAN board of this name; the message lists the right names.
     pub fn set_shield(&mut self, name: &str) -> Result<()> {
         let shield = entry("shields", name)?;
-        let pin = |key: &str| text(field(shield, key), key).parse().map_err(anyhow::Error::msg);
+        let pin = |key: &str| of_table(boards::text(shield, key));
         self.shield = name.to_owned();
-        self.crystal_mhz = integer(shield, "crystal_mhz");
-        self.set_cs(pin("cs")?);
-        self.set_int(pin("int")?);
+        self.crystal_mhz = boards::number(shield, "crystal_mhz");
+        self.set_cs(pin("cs"));
+        self.set_int(pin("int"));
         Ok(())
     }
 
@@ -291,9 +281,7 @@ impl Wiring {
     /// or an input on the pin gives way.
     pub fn set_cs(&mut self, cs: Pin) {
         self.cs = cs;
-        let outputs = field(&table()["pins"], "servo").as_array().into_iter().flatten();
-        let mut outputs = outputs.filter_map(|pin| pin.as_str()?.parse().ok());
-        self.servo = outputs.find(|pin| *pin != cs).unwrap_or(self.servo);
+        self.servo = of_table(boards::servo(&cs.to_string()));
         self.make_free(cs);
     }
 
@@ -312,11 +300,8 @@ impl Wiring {
 
     /// The first two pins of the table's list `power` that CS and INT leave free.
     fn free_power_pins(&self) -> PowerPins {
-        let pins = field(&table()["pins"], "power").as_array().into_iter().flatten();
-        let pins = pins.filter_map(|pin| pin.as_str()?.parse().ok());
-        let mut free = pins.filter(|pin| ![self.cs, self.int].contains(pin));
-        let mut next = || free.next().expect("avr-specs/boards.toml: power has too few pins");
-        PowerPins { voltage: next(), current: next() }
+        let [voltage, current] = boards::power(&[&self.cs.to_string(), &self.int.to_string()]);
+        PowerPins { voltage: of_table(voltage), current: of_table(current) }
     }
 
     /// Frequency of the MCP2515's crystal in Hz.
@@ -327,9 +312,7 @@ impl Wiring {
     /// The highest bit rate of [`BIT_RATES`] that the MCP2515 reaches with its crystal: the default
     /// of a node.
     pub fn fastest_bit_rate(&self) -> u32 {
-        let can = |rate: &u32| rate * SHORTEST_BIT_PERIODS <= self.crystal_hz();
-        let [.., slowest] = BIT_RATES;
-        BIT_RATES.into_iter().find(can).unwrap_or(slowest)
+        boards::fastest_bit_rate(self.crystal_mhz)
     }
 
     /// Short name of the board.
@@ -339,8 +322,7 @@ impl Wiring {
 
     /// Full name of the board.
     pub fn board_title(&self) -> String {
-        self.board_entry()
-            .map_or(String::from("Arduino"), |entry| text(field(entry, "title"), "title"))
+        self.board_entry().map_or("Arduino", |entry| boards::text(entry, "title")).to_owned()
     }
 
     /// Short name of the CAN board.
@@ -350,25 +332,22 @@ impl Wiring {
 
     /// Full name of the CAN board.
     pub fn shield_title(&self) -> String {
-        self.shield_entry()
-            .map_or(String::from("MCP2515 board"), |entry| text(field(entry, "title"), "title"))
+        self.shield_entry().map_or("MCP2515 board", |entry| boards::text(entry, "title")).to_owned()
     }
 
     /// The board's entry in the table; `None` if the chip differs.
     fn board_entry(&self) -> Option<&'static Value> {
-        let entry = table()["boards"].get(&self.board)?;
-        (entry.get("chip")?.as_str()? == self.chip.name()).then_some(entry)
+        let entry = boards::find("boards", &self.board)?;
+        (boards::text(entry, "chip") == self.chip.name()).then_some(entry)
     }
 
     /// The CAN board's entry in the table; `None` if a pin or the crystal differs.
     fn shield_entry(&self) -> Option<&'static Value> {
-        let entry = table()["shields"].get(&self.shield)?;
-        let is = |key: &str, pin: Pin| {
-            entry.get(key).and_then(Value::as_str) == Some(pin.to_string().as_str())
-        };
+        let entry = boards::find("shields", &self.shield)?;
+        let is = |key: &str, pin: Pin| boards::text(entry, key) == pin.to_string();
         let alike = is("cs", self.cs)
             && is("int", self.int)
-            && integer(entry, "crystal_mhz") == self.crystal_mhz;
+            && boards::number(entry, "crystal_mhz") == self.crystal_mhz;
         alike.then_some(entry)
     }
 }
@@ -414,47 +393,21 @@ fn power_pins(text: &str) -> Result<PowerPins, String> {
 
 /// Name of the default preset of features for a chip.
 pub fn preset(chip: Chip) -> String {
-    let chip = entry("chips", chip.name()).expect("the table has every chip");
-    text(field(chip, "preset"), "preset")
+    boards::text(boards::entry("chips", chip.name()), "preset").to_owned()
 }
 
-fn table() -> &'static Table {
-    static PARSED: LazyLock<Table> = LazyLock::new(|| {
-        TABLE.parse().unwrap_or_else(|error| panic!("avr-specs/boards.toml: {error}"))
-    });
-    &PARSED
-}
-
-/// An entry of one of the tables in the file.
+/// An entry of the table that a user named.
 fn entry(kind: &str, name: &str) -> Result<&'static Value> {
-    let entries = table()[kind]
-        .as_table()
-        .with_context(|| format!("avr-specs/boards.toml: {kind} is not a table"))?;
-    entries.get(name).with_context(|| {
-        let what = match kind {
-            "boards" => "board",
-            "shields" => "CAN board",
-            _ => "chip",
-        };
-        let names: Vec<&str> = entries.keys().map(String::as_str).collect();
+    boards::find(kind, name).with_context(|| {
+        let what = if kind == "boards" { "board" } else { "CAN board" };
+        let names: Vec<&str> = boards::names(kind).collect();
         format!("no {what} is called \"{name}\": use {}", names.join(", "))
     })
 }
 
-fn field<'a>(entry: &'a Value, key: &str) -> &'a Value {
-    entry.get(key).unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is missing"))
-}
-
-fn text(value: &Value, key: &str) -> String {
-    value
-        .as_str()
-        .unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is not a text"))
-        .to_owned()
-}
-
-fn integer(entry: &Value, key: &str) -> u32 {
-    let number = field(entry, key).as_integer().and_then(|number| number.try_into().ok());
-    number.unwrap_or_else(|| panic!("avr-specs/boards.toml: {key} is not a number"))
+/// A pin of the table.
+fn of_table(name: &str) -> Pin {
+    name.parse().unwrap_or_else(|error| panic!("avr-specs/boards.toml: {error}"))
 }
 
 #[cfg(test)]
@@ -508,14 +461,11 @@ mod tests {
 
     #[test]
     fn every_board_can_be_combined_with_every_can_board() {
-        for board in table()["boards"].as_table().unwrap().keys() {
-            for shield in table()["shields"].as_table().unwrap().keys() {
+        for board in boards::names("boards") {
+            for shield in boards::names("shields") {
                 let wiring = Wiring::of(board, shield).unwrap();
                 wiring.check().unwrap();
-                assert_eq!(
-                    (wiring.board_name(), wiring.shield_name()),
-                    (board.as_str(), shield.as_str())
-                );
+                assert_eq!((wiring.board_name(), wiring.shield_name()), (board, shield));
             }
         }
         for chip in Chip::ALL {
