@@ -88,8 +88,7 @@ fn next_request(rig: &mut Rig, within_ms: u64) -> Request {
 /// The allocator, node 127, sends an Allocation message.
 fn allocate(rig: &mut Rig, node_id: u8, unique_id: &[u8]) {
     let message = Allocation { node_id, first_part: false, unique_id: unique_id.to_vec() };
-    let parts =
-        split(&message.encode(), TransferId::default(), types::ALLOCATION.signature.unwrap());
+    let parts = split(&message.encode(), TransferId::default(), types::ALLOCATION.seed.unwrap());
     for data in parts {
         rig.send(ALLOCATION_FROM_127, &data);
     }

@@ -50,8 +50,8 @@ impl Hub {
         let transfer_id = self.next_transfer_id();
         let command = Message::RawCommand(throttles.to_vec());
         let (_, payload) = command.encode().expect("a command");
-        let signature = types::RAW_COMMAND.signature.expect("known");
-        for data in split(&payload, transfer_id, signature) {
+        let seed = types::RAW_COMMAND.seed.expect("known");
+        for data in split(&payload, transfer_id, seed) {
             self.rig.send(RAW_COMMAND | source, &data);
         }
     }

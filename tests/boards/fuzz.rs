@@ -115,7 +115,7 @@ fn valid_transfer(random: &mut Random) -> (u32, Vec<Vec<u8>>) {
             (random.bytes(len), types::NODE_STATUS)
         }
     };
-    (id | source, split(&payload, number, data_type.signature.unwrap_or(0)))
+    (id | source, split(&payload, number, data_type.seed.unwrap_or(0)))
 }
 
 /// Damages the frames of a transfer.

@@ -336,7 +336,7 @@ fn a_malformed_list_with_a_valid_crc_does_not_move_the_servo() {
         let mut payload = [1, 0, 0, 0xBC].repeat(3);
         payload.extend([0; 3].iter().take(extra));
         let frames =
-            split(&payload, TransferId::new(extra as u8), types::ARRAY_COMMAND.signature.unwrap());
+            split(&payload, TransferId::new(extra as u8), types::ARRAY_COMMAND.seed.unwrap());
         send_all(&mut rig, 10, &frames);
         rig.run_ms(5);
     }

@@ -3,12 +3,10 @@
 
 use std::sync::OnceLock;
 
-use bench::dronecan::{TransferId, Value, split};
+use bench::dronecan::{TransferId, Value, split, types};
 use rig::load::{Client, Kind, Load, Loaded, Pace, SENDER};
 use rig::status::{ERROR, FAILSAFE, OK};
-use rig::{
-    ARMED, ARMING_STATUS, ARRAY_COMMAND, PWM, Program, RAW_COMMAND, RAW_COMMAND_SIGNATURE, Rig,
-};
+use rig::{ARMED, ARMING_STATUS, ARRAY_COMMAND, PWM, Program, RAW_COMMAND, Rig};
 
 const PROGRAM: Program = Program::Full;
 
@@ -47,7 +45,7 @@ fn payload(commands: &[i16]) -> Vec<u8> {
 }
 
 fn frames(commands: &[i16], transfer_id: u8) -> Vec<Vec<u8>> {
-    split(&payload(commands), TransferId::new(transfer_id), RAW_COMMAND_SIGNATURE)
+    split(&payload(commands), TransferId::new(transfer_id), types::RAW_COMMAND.seed.expect("known"))
 }
 
 impl Motors {

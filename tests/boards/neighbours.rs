@@ -125,7 +125,7 @@ fn two_alternating_senders_are_both_received_on_an_atmega328p() {
         let frames = bench::dronecan::split(
             &payload,
             bench::dronecan::TransferId::new(5),
-            data_type.signature.expect("known"),
+            data_type.seed.expect("known"),
         );
         frames.iter().map(|data| Frame::extended(0x1E0B_F880 | source, data)).collect()
     };

@@ -55,8 +55,7 @@ pub struct Cost {
 impl Cost {
     /// Counts the bits of a transfer of this stream.
     pub fn of(stream: &Stream) -> Cost {
-        let template =
-            split(&vec![0; stream.payload_bytes], TransferId::default(), stream.signature);
+        let template = split(&vec![0; stream.payload_bytes], TransferId::default(), stream.seed);
         let total = |bits: fn(bool, u8) -> u32| -> f64 {
             template.iter().map(|data| f64::from(bits(true, data.len() as u8))).sum()
         };
@@ -77,7 +76,7 @@ fn mean_bits(stream: &Stream) -> f64 {
         for transfer in 0..TRANSFER_IDS {
             let payload =
                 stream.payload.clone().unwrap_or_else(|| random.bytes(stream.payload_bytes));
-            let frames = split(&payload, TransferId::new(transfer), stream.signature);
+            let frames = split(&payload, TransferId::new(transfer), stream.seed);
             bits += frames
                 .iter()
                 .map(|data| u64::from(Frame::extended(id, data).bit_count()))

@@ -39,7 +39,7 @@ pub struct Stream {
     pub rate_hz: f64,
     pub channel: Channel,
     /// Signature of the data type, for the transfer CRC; 0 if it is unknown.
-    pub signature: u64,
+    pub seed: u16,
     pub payload_bytes: usize,
     /// The payload, if it was given.
     pub payload: Option<Vec<u8>>,
@@ -224,7 +224,7 @@ impl Subject {
                     nodes,
                     rate_hz,
                     channel,
-                    signature: 0,
+                    seed: 0,
                     payload_bytes,
                     payload,
                 }]);
@@ -238,8 +238,8 @@ impl Subject {
                 _ => String::new(),
             };
             let label = format!("{}{suffix}{list}", known.name);
-            let signature = known.signature.unwrap_or(0);
-            Ok(Stream { label, nodes, rate_hz, channel, signature, payload_bytes, payload })
+            let seed = known.seed.unwrap_or(0);
+            Ok(Stream { label, nodes, rate_hz, channel, seed, payload_bytes, payload })
         };
         match known.response {
             None => Ok(vec![stream("", Channel::Message(known.id), length, known.payload)?]),

@@ -1,35 +1,22 @@
-//! The transfer CRC: CRC-16-CCITT-FALSE (polynomial 0x1021, start 0xFFFF, not reflected), fed with
-//! the data type signature before the payload (DroneCAN specification, "CAN bus transport layer",
-//! multi-frame transfers).
+//! The transfer CRC (DroneCAN specification, "CAN bus transport layer", multi-frame transfers).
+//! [`seed`] is its value after the data type signature: each data type has one.
+
+pub use dronecan_wire::crc::seed;
+use dronecan_wire::crc::step;
 
 /// Start value before the signature.
 pub const INITIAL: u16 = 0xFFFF;
 
 /// Feeds `bytes` to a running CRC.
 pub fn feed(crc: u16, bytes: &[u8]) -> u16 {
-    bytes.iter().fold(crc, |crc, &byte| {
-        (0..8).fold(crc ^ (u16::from(byte) << 8), |crc, _| {
-            let shifted = crc << 1;
-            if crc & 0x8000 == 0 { shifted } else { shifted ^ 0x1021 }
-        })
-    })
-}
-
-/// CRC of the eight signature bytes, little endian: the start value of a transfer of this type.
-pub fn seed(signature: u64) -> u16 {
-    feed(INITIAL, &signature.to_le_bytes())
-}
-
-/// CRC of a complete transfer.
-pub fn transfer(signature: u64, payload: &[u8]) -> u16 {
-    feed(seed(signature), payload)
+    bytes.iter().fold(crc, |crc, &byte| step(crc, byte))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// The check value that the CRC catalogues give for this parameter set.
+    /// The check value that the CRC catalogues give for CRC-16-CCITT-FALSE.
     #[test]
     fn the_check_value_is_that_of_the_catalogues() {
         assert_eq!(feed(INITIAL, b"123456789"), 0x29B1);

@@ -49,8 +49,8 @@ fn both_ways(vector: &str, message: Message, text: &str) {
     let (data_type, payload) = message.encode().unwrap();
     assert_eq!(transfer.id.build(), vector.id);
     assert_eq!(DataType::of(transfer.id), Some(data_type));
-    let signature = data_type.signature.unwrap_or(0);
-    assert_eq!(split(&payload, transfer.transfer_id, signature), vector.data);
+    let seed = data_type.seed.unwrap_or(0);
+    assert_eq!(split(&payload, transfer.transfer_id, seed), vector.data);
 }
 
 /// Checks a golden transfer of a type that is not decoded: it must assemble with a valid CRC and
@@ -63,8 +63,8 @@ fn carried(vector: &str, name: &str) {
     let data_type = DataType::of(transfer.id).unwrap();
     let message = Message::decode(&transfer).to_string();
     assert!(message.starts_with(name), "{message}");
-    let signature = data_type.signature.unwrap();
-    assert_eq!(split(&transfer.payload, transfer.transfer_id, signature), vector.data);
+    let seed = data_type.seed.unwrap();
+    assert_eq!(split(&transfer.payload, transfer.transfer_id, seed), vector.data);
 }
 
 fn command(actuator: u8, unit: CommandUnit, value: f32) -> ActuatorCommand {
@@ -126,8 +126,8 @@ fn actuator_status_equals_pydronecan() {
     let message = Message::decode(&transfer);
     let (data_type, payload) = message.encode().unwrap();
     assert_eq!(message.to_string(), "actuator.Status id 1 position +0.25");
-    let signature = data_type.signature.unwrap();
-    assert_eq!(split(&payload, TransferId::new(1), signature), vector.data);
+    let seed = data_type.seed.unwrap();
+    assert_eq!(split(&payload, TransferId::new(1), seed), vector.data);
 }
 
 #[test]
@@ -537,7 +537,7 @@ fn an_empty_list_is_shown_as_empty() {
     both_ways("1003F20A C5", Message::ArrayCommand(Vec::new()), "ArrayCommand (empty)");
 }
 
-/// Each has its own signature; a wrong one would cause a wrong CRC.
+/// Each has its own seed; a wrong one would cause a wrong CRC.
 #[test]
 fn types_that_are_not_decoded_equal_pydronecan() {
     carried("1E30FFAA 7E F0 00 01 00 00 00 80 | 66 77 2E 62 69 6E 60", "file.Read request");
@@ -594,7 +594,7 @@ fn a_wrong_byte_in_a_long_transfer_is_noticed() {
 #[test]
 fn a_missing_frame_affects_only_its_own_transfer() {
     let payload: Vec<u8> = (0..20).collect();
-    let frames = split(&payload, TransferId::new(4), types::ARRAY_COMMAND.signature.unwrap());
+    let frames = split(&payload, TransferId::new(4), types::ARRAY_COMMAND.seed.unwrap());
     let id = 0x1003_F20A;
     let mut assembler = Assembler::new();
     assert_eq!(assembler.push(id, &frames[0], AT), Outcome::Partial);
@@ -611,7 +611,7 @@ fn a_missing_frame_affects_only_its_own_transfer() {
 #[test]
 fn transfers_of_two_nodes_may_interleave() {
     let payload: Vec<u8> = (0..8).collect();
-    let frames = split(&payload, TransferId::new(0), types::ARRAY_COMMAND.signature.unwrap());
+    let frames = split(&payload, TransferId::new(0), types::ARRAY_COMMAND.seed.unwrap());
     let mut assembler = Assembler::new();
     assert_eq!(assembler.push(0x1003_F20A, &frames[0], AT), Outcome::Partial);
     assert_eq!(assembler.push(0x1003_F20B, &frames[0], AT), Outcome::Partial);
@@ -621,7 +621,7 @@ fn transfers_of_two_nodes_may_interleave() {
 
 #[test]
 fn a_transfer_times_out_after_two_seconds() {
-    let frames = split(&[0; 8], TransferId::new(0), types::ARRAY_COMMAND.signature.unwrap());
+    let frames = split(&[0; 8], TransferId::new(0), types::ARRAY_COMMAND.seed.unwrap());
     let two_seconds = Duration::from_secs(2);
     for (end, complete) in [(two_seconds, true), (two_seconds + Duration::from_nanos(1), false)] {
         let mut assembler = Assembler::new();
@@ -722,8 +722,8 @@ proptest! {
         payload in prop::collection::vec(any::<u8>(), 0..300),
         number in 0u8..32,
     ) {
-        let signature = types::GET_NODE_INFO.signature.unwrap();
-        let frames = split(&payload, TransferId::new(number), signature);
+        let seed = types::GET_NODE_INFO.seed.unwrap();
+        let frames = split(&payload, TransferId::new(number), seed);
         let mut assembler = Assembler::new();
         let mut whole = None;
         for frame in &frames {

@@ -72,15 +72,15 @@ pub enum Outcome {
     Invalid(&'static str),
 }
 
-/// Data of the frames that carry `payload`, in order. `signature` is that of the data type; a
+/// Data of the frames that carry `payload`, in order. `seed` is that of the data type; a
 /// single frame does not need it.
-pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec<u8>> {
+pub fn split(payload: &[u8], transfer_id: TransferId, seed: u16) -> Vec<Vec<u8>> {
     if payload.len() <= FRAME_PAYLOAD {
         let mut data = payload.to_vec();
         data.push(START | END | transfer_id.0);
         return vec![data];
     }
-    let mut stream = crc::transfer(signature, payload).to_le_bytes().to_vec();
+    let mut stream = crc::feed(seed, payload).to_le_bytes().to_vec();
     stream.extend_from_slice(payload);
     let last = stream.len().div_ceil(FRAME_PAYLOAD) - 1;
     stream
@@ -98,13 +98,10 @@ pub fn split(payload: &[u8], transfer_id: TransferId, signature: u64) -> Vec<Vec
 }
 
 /// The frames that carry `payload` under this identifier, in order. A type that is not in
-/// [`types`](super::types) has no known signature, so its payload must fit in one frame.
+/// [`types`](super::types) has no known seed, so its payload must fit in one frame.
 pub fn frames(id: CanId, payload: &[u8], transfer_id: TransferId) -> Vec<Frame> {
-    let signature = DataType::of(id).and_then(|data_type| data_type.signature).unwrap_or(0);
-    split(payload, transfer_id, signature)
-        .iter()
-        .map(|data| Frame::extended(id.build(), data))
-        .collect()
+    let seed = DataType::of(id).and_then(|data_type| data_type.seed).unwrap_or(0);
+    split(payload, transfer_id, seed).iter().map(|data| Frame::extended(id.build(), data)).collect()
 }
 
 /// A transfer that is not complete.
@@ -200,11 +197,11 @@ impl Assembler {
         }
         let payload = so_far.stream.split_off(2);
         let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // Without a known signature the CRC cannot be checked; an observer shows the transfer
+        // Without a known seed the CRC cannot be checked; an observer shows the transfer
         // nevertheless.
         if let Some(data_type) = DataType::of(id)
-            && let Some(signature) = data_type.signature
-            && crc::transfer(signature, &payload) != sent_crc
+            && let Some(seed) = data_type.seed
+            && crc::feed(seed, &payload) != sent_crc
         {
             return Outcome::Invalid("wrong transfer CRC");
         }

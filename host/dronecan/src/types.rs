@@ -1,7 +1,9 @@
-//! Names, signatures and lengths of the data types that a bus may have. The traffic view shows the
+//! Names, CRC seeds and lengths of the data types that a bus may have. The traffic view shows the
 //! names and checks the CRC of long transfers; the bus planner uses the lengths.
 //!
 //! [`table`](crate::table) has a row for each type, and the sources.
+
+use dronecan_wire::types as wire;
 
 use super::dispatch::constants;
 use super::id::CanId;
@@ -50,31 +52,31 @@ pub struct DataType {
     pub id: u16,
     /// Short name, without the namespace if it is unambiguous without.
     pub name: &'static str,
-    /// Signature for the transfer CRC, if it is known.
-    pub signature: Option<u64>,
+    /// CRC at the beginning of a transfer, if it is known.
+    pub seed: Option<u16>,
     /// Payload of the message, or of the service's request.
     pub payload: Layout,
     /// Payload of the service's response.
     pub response: Option<Layout>,
 }
 
-const fn message(id: u16, name: &'static str, signature: u64, payload: Layout) -> DataType {
-    DataType { kind: Kind::Message, id, name, signature: Some(signature), payload, response: None }
+const fn message(known: wire::Message, name: &'static str, payload: Layout) -> DataType {
+    let wire::Message { id, seed } = known;
+    DataType { kind: Kind::Message, id, name, seed: Some(seed), payload, response: None }
 }
 
 const fn service(
-    id: u16,
+    known: wire::Service,
     name: &'static str,
-    signature: u64,
-    request: Layout,
+    payload: Layout,
     response: Layout,
 ) -> DataType {
-    let (signature, response) = (Some(signature), Some(response));
-    DataType { kind: Kind::Service, id, name, signature, payload: request, response }
+    let (id, seed) = (known.id as u16, Some(known.seed));
+    DataType { kind: Kind::Service, id, name, seed, payload, response: Some(response) }
 }
 
 const fn thesis(id: u16, name: &'static str) -> DataType {
-    DataType { kind: Kind::Message, id, name, signature: None, payload: fixed(8), response: None }
+    DataType { kind: Kind::Message, id, name, seed: None, payload: fixed(8), response: None }
 }
 
 table!(constants);

@@ -10,7 +10,7 @@ use std::rc::Rc;
 use bench::avr::{Avr, Firmware, ResetCause};
 use bench::board::Board;
 use bench::can::{Event, Frame, Id, SoftNode};
-use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, split};
+use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, crc, split};
 use bench::wiring::Wiring;
 use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start};
 use rig::MS;
@@ -41,13 +41,13 @@ pub const HEADER: usize = 0x68;
 /// Address of node ID and bit rate in the EEPROM.
 pub const BUS: usize = 0x18;
 
-fn signature(service: u8) -> u64 {
-    match service {
+fn seed(service: u8) -> u16 {
+    crc::seed(match service {
         GET_NODE_INFO => 0xEE46_8A81_21C4_6A9E,
         BEGIN_FIRMWARE_UPDATE => 0xB7D7_25DF_7272_4126,
         FILE_READ => 0x8DCD_CA93_9F33_F678,
         _ => 0,
-    }
+    })
 }
 
 pub fn board() -> Wiring {
@@ -278,7 +278,7 @@ impl UpdateBench {
         };
         assert_eq!((source.get(), destination.get()), (self.node, SERVER));
         let Some(answer) = self.server.answer(&transfer.payload) else { return };
-        let mut frames = split(&answer, transfer.transfer_id, signature(FILE_READ));
+        let mut frames = split(&answer, transfer.transfer_id, seed(FILE_READ));
         if self.server.drop != 0 && self.server.requests.is_multiple_of(self.server.drop) {
             frames.remove(frames.len() / 2);
         }
@@ -309,7 +309,7 @@ impl UpdateBench {
     pub fn request(&mut self, service: u8, payload: &[u8]) -> TransferId {
         let transfer_id = self.transfer_id.advance();
         let id = self.service(service, true);
-        for data in split(payload, transfer_id, signature(service)) {
+        for data in split(payload, transfer_id, seed(service)) {
             self.peer.borrow_mut().send(Frame::extended(id, &data));
         }
         transfer_id

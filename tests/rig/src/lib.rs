@@ -69,9 +69,6 @@ pub const ARMING_STATUS: u32 = 0x1804_4C00;
 pub const SAFETY_STATE: u32 = 0x104E_2000;
 pub const SERVO_COMMAND: u32 = 0x1004_5700;
 
-/// Signature of uavcan.equipment.esc.RawCommand, for the CRC of its transfers.
-pub const RAW_COMMAND_SIGNATURE: u64 = 0x217F_5C87_D7EC_951D;
-
 /// Types of a command in an ArrayCommand: a share of the travel from -1 to 1, an angle in radians,
 /// and a pulse width in microseconds.
 pub const UNITLESS: u8 = 0;
@@ -538,7 +535,7 @@ pub fn array_command(commands: &[(u8, u8, f32)], transfer_id: u8) -> Vec<Vec<u8>
         value: half::f16::from_f32(value),
     };
     let payload = ActuatorCommand::encode_array(&commands.iter().map(command).collect::<Vec<_>>());
-    split(&payload, TransferId::new(transfer_id), types::ARRAY_COMMAND.signature.expect("known"))
+    split(&payload, TransferId::new(transfer_id), types::ARRAY_COMMAND.seed.expect("known"))
 }
 
 /// Parses frames such as "1003F20A 01 00 00 38 C7". `|` separates the data of several frames with

@@ -53,7 +53,7 @@ fn both_ways(vector: &str, message: Message, text: &str) -> Transfer {
     let (data_type, payload) = message.encode().unwrap();
     assert_eq!(DataType::of(transfer.type_id, transfer.route.transfer_type()), Some(data_type));
     let again = Transfer { payload, ..transfer.clone() };
-    assert_eq!(again.split(data_type.signature.unwrap_or(0)), frames);
+    assert_eq!(again.split(data_type.seed.unwrap_or(0)), frames);
     transfer
 }
 
@@ -360,7 +360,7 @@ fn a_missing_frame_affects_only_its_own_transfer() {
         transfer_id: TransferId::new(4),
         payload,
     };
-    let frames = transfer.split(types::ARRAY_COMMAND.signature.unwrap());
+    let frames = transfer.split(types::ARRAY_COMMAND.seed.unwrap());
     assert_eq!(frames.len(), 4);
     let mut assembler = Assembler::new();
     assert_eq!(push(&mut assembler, &frames[0], AT), Outcome::Partial);
@@ -523,8 +523,8 @@ proptest! {
         let (type_id, route) = if to_one { to_127 } else { (265, Route::Broadcast) };
         let transfer_id = TransferId::new(number);
         let transfer = Transfer { type_id, source: node(120), route, transfer_id, payload };
-        let signature = DataType::of(type_id, route.transfer_type()).unwrap().signature.unwrap();
-        let frames = transfer.split(signature);
+        let seed = DataType::of(type_id, route.transfer_type()).unwrap().seed.unwrap();
+        let frames = transfer.split(seed);
         prop_assert_eq!(assemble(&frames), transfer);
     }
 }

@@ -87,15 +87,15 @@ impl Transfer {
         }
     }
 
-    /// Its frames, in order. `signature` is that of the data type; a single frame does not need it.
+    /// Its frames, in order. `seed` is that of the data type; a single frame does not need it.
     /// Panics if the payload is longer than [`PAYLOAD_MAX`].
-    pub fn split(&self, signature: u64) -> Vec<Frame> {
+    pub fn split(&self, seed: u16) -> Vec<Frame> {
         assert!(self.payload.len() <= PAYLOAD_MAX, "a payload of {} bytes", self.payload.len());
         let destination = self.route.destination().map(NodeId::get);
         let room = FRAME_DATA - usize::from(destination.is_some());
         let mut stream = Vec::new();
         if self.payload.len() > room {
-            stream.extend(crc::transfer(signature, &self.payload).to_le_bytes());
+            stream.extend(crc::feed(seed, &self.payload).to_le_bytes());
         }
         stream.extend(&self.payload);
         let last = stream.len().div_ceil(room).saturating_sub(1);
@@ -219,11 +219,10 @@ impl Assembler {
             return Outcome::Invalid("transfer too long");
         }
         let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // Without a known signature the CRC cannot be checked; an observer shows the transfer
+        // Without a known seed the CRC cannot be checked; an observer shows the transfer
         // nevertheless.
-        if let Some(signature) =
-            DataType::of(id.type_id, id.transfer_type).and_then(|known| known.signature)
-            && crc::transfer(signature, &payload) != sent_crc
+        if let Some(seed) = DataType::of(id.type_id, id.transfer_type).and_then(|known| known.seed)
+            && crc::feed(seed, &payload) != sent_crc
         {
             return Outcome::Invalid("wrong transfer CRC");
         }

@@ -1,6 +1,8 @@
-//! Names and signatures of the draft's data types.
+//! Names and CRC seeds of the draft's data types.
 //!
 //! [`table`](super::table) has a row for each type, and the sources.
+
+use dronecan_wire::crc;
 
 use super::id::TransferType;
 use super::table::table;
@@ -13,20 +15,20 @@ pub struct DataType {
     pub kind: Kind,
     pub id: u16,
     pub name: &'static str,
-    /// Known signature, for the transfer CRC.
-    pub signature: Option<u64>,
+    /// CRC at the beginning of a transfer, if it is known.
+    pub seed: Option<u16>,
 }
 
 const fn message(id: u16, name: &'static str, signature: u64) -> DataType {
-    DataType { kind: Kind::Message, id, name, signature: Some(signature) }
+    DataType { kind: Kind::Message, id, name, seed: Some(crc::seed(signature)) }
 }
 
 const fn service(id: u16, name: &'static str, signature: u64) -> DataType {
-    DataType { kind: Kind::Service, id, name, signature: Some(signature) }
+    DataType { kind: Kind::Service, id, name, seed: Some(crc::seed(signature)) }
 }
 
 const fn named(kind: Kind, id: u16, name: &'static str) -> DataType {
-    DataType { kind, id, name, signature: None }
+    DataType { kind, id, name, seed: None }
 }
 
 table!(constants);

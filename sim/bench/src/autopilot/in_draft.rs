@@ -70,7 +70,7 @@ impl Autopilot {
 fn frames(message: &Message, source: NodeId, route: Route, transfer_id: TransferId) -> Vec<Frame> {
     let (data_type, payload) = message.encode().expect("only encodable messages are made");
     let transfer = Transfer { type_id: data_type.id, source, route, transfer_id, payload };
-    transfer.split(data_type.signature.unwrap_or(0))
+    transfer.split(data_type.seed.unwrap_or(0))
 }
 
 #[cfg(test)]

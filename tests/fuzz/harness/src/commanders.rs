@@ -173,9 +173,9 @@ impl Hub {
         self.desk.hear(&frame);
     }
 
-    fn request(&mut self, id: u32, payload: &[u8], signature: u64) {
+    fn request(&mut self, id: u32, payload: &[u8], seed: u16) {
         self.number = (self.number + 1) % 32;
-        for data in split(payload, TransferId::new(self.number), signature) {
+        for data in split(payload, TransferId::new(self.number), seed) {
             self.hear(id, &data);
         }
     }
@@ -187,7 +187,7 @@ impl Hub {
             name: name.into(),
         };
         let (data_type, payload) = Message::ParameterRequest(request).encode().expect("a request");
-        self.request(GET_SET, &payload, data_type.signature.expect("known"));
+        self.request(GET_SET, &payload, data_type.seed.expect("known"));
         self.desk.pass(1);
         self.desk.can.sent.clear();
     }
@@ -252,8 +252,8 @@ impl Hub {
             let ticks = (2 * us).clamp(LOW, HIGH);
             positions.push((id, (sender != STRANGER).then_some(ticks)));
         }
-        let signature = types::ARRAY_COMMAND.signature.expect("known");
-        self.begin(sender, ARRAY_COMMAND, &payload, signature, Order::Positions(positions));
+        let seed = types::ARRAY_COMMAND.seed.expect("known");
+        self.begin(sender, ARRAY_COMMAND, &payload, seed, Order::Positions(positions));
     }
 
     fn begin_throttles(&mut self, sender: usize, values: &[u8]) {
@@ -261,15 +261,15 @@ impl Hub {
         let ticks = |throttle: &i16| LOW + i32::from(*throttle) * (HIGH - LOW) / 8191;
         let order = Order::Throttles(throttles.iter().map(ticks).collect());
         let (_, payload) = Message::RawCommand(throttles).encode().expect("a command");
-        let signature = types::RAW_COMMAND.signature.expect("known");
-        self.begin(sender, RAW_COMMAND, &payload, signature, order);
+        let seed = types::RAW_COMMAND.seed.expect("known");
+        self.begin(sender, RAW_COMMAND, &payload, seed, order);
     }
 
-    fn begin(&mut self, sender: usize, id: u32, payload: &[u8], signature: u64, order: Order) {
+    fn begin(&mut self, sender: usize, id: u32, payload: &[u8], seed: u16, order: Order) {
         let number = &mut self.senders[sender].number;
         *number = (*number + 1) % 32;
         let frames: VecDeque<_> =
-            split(payload, TransferId::new(*number), signature).into_iter().collect();
+            split(payload, TransferId::new(*number), seed).into_iter().collect();
         let is_single = frames.len() == 1;
         let id = id | u32::from(SENDERS[sender]);
         let last_ms = self.now_ms();
@@ -397,7 +397,7 @@ impl Hub {
         if which.is_multiple_of(4) {
             self.request(RESTART_NODE, &[0x1E, 0x1B, 0x55, 0xCE, 0xAC], 0);
         } else {
-            self.request(UPDATE, b"\0fw.bin", 0xB7D7_25DF_7272_4126);
+            self.request(UPDATE, b"\0fw.bin", types::BEGIN_FIRMWARE_UPDATE.seed.expect("known"));
         }
     }
 

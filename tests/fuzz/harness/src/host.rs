@@ -142,9 +142,9 @@ fn payload(bytes: &[u8]) {
     if payload.len() > 7 && (matches!(can_id, CanId::Anonymous { .. }) || payload.len() > MAX - 2) {
         return;
     }
-    let signature = DataType::of(can_id).and_then(|known| known.signature).unwrap_or(0);
+    let seed = DataType::of(can_id).and_then(|known| known.seed).unwrap_or(0);
     let mut assembler = Assembler::new();
-    let frames = split(payload, transfer_id, signature);
+    let frames = split(payload, transfer_id, seed);
     let outcomes: Vec<_> =
         frames.iter().map(|data| assembler.push(id, data, Duration::ZERO)).collect();
     let whole =
@@ -178,10 +178,9 @@ fn draft_payload(id: u32, payload: &[u8]) {
         assert_eq!(again.encode(), Some((data_type, payload)), "{message}");
     }
     if payload.len() <= draft::transfer::PAYLOAD_MAX {
-        let signature =
-            draft::DataType::of(type_id, can_id.transfer_type).and_then(|known| known.signature);
+        let seed = draft::DataType::of(type_id, can_id.transfer_type).and_then(|known| known.seed);
         let mut assembler = draft::Assembler::new();
-        let frames = transfer.split(signature.unwrap_or(0)).into_iter();
+        let frames = transfer.split(seed.unwrap_or(0)).into_iter();
         let outcomes = frames.filter_map(|frame| match frame.id {
             Id::Extended(id) => Some(assembler.push(id, frame.data(), Duration::ZERO)),
             Id::Standard(_) => None,

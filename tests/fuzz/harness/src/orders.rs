@@ -70,7 +70,7 @@ impl Transfers {
         now_ms: u64,
         parameters: &Parameters,
     ) -> Option<Completed> {
-        let signature = CanId::parse(id).and_then(DataType::of).and_then(|known| known.signature);
+        let seed = CanId::parse(id).and_then(DataType::of).and_then(|known| known.seed);
         let actuator = parameters.of(0, OutputParameter::Id);
         let can_id = CanId::parse(id)?;
         let key = id & WITHOUT_PRIORITY;
@@ -112,7 +112,7 @@ impl Transfers {
         }
         let session = self.sessions.remove(&key)?;
         let (sum, payload) = session.stream.split_first_chunk::<SUM>()?;
-        (u16::from_le_bytes(*sum) == crc::transfer(signature?, payload)).then_some(())?;
+        (u16::from_le_bytes(*sum) == crc::feed(seed?, payload)).then_some(())?;
         // Maximum length of a list: 15 commands of four bytes, or 20 lights of three.
         if is_list(key) && payload.len() > 60 {
             return None;

@@ -215,9 +215,9 @@ impl Rig {
     pub fn send(&mut self, sent: &Sent, damage: Option<(Damage, u8)>) {
         let id = self.identifier(sent.what, sent.source);
         let can_id = CanId::parse(u32::from_be_bytes(id));
-        let signature = can_id.and_then(types::DataType::of).and_then(|known| known.signature);
+        let seed = can_id.and_then(types::DataType::of).and_then(|known| known.seed);
         let number = dronecan_host::TransferId::new(sent.number);
-        let mut frames = split(&sent.payload, number, signature.unwrap_or(0));
+        let mut frames = split(&sent.payload, number, seed.unwrap_or(0));
         if let Some((damage, frame)) = damage {
             let at = usize::from(frame) % frames.len();
             let tail = frames[at].len() - 1;

@@ -340,7 +340,7 @@ impl Source {
     ) -> Vec<Sent> {
         let id = data_type.message_id(self.priority, NodeId::new(sender).expect("a node ID"));
         let transfer_id = TransferId::new(self.transfer_id(sender, u32::from(data_type.id)));
-        let data = split(payload, transfer_id, data_type.signature.expect("known"));
+        let data = split(payload, transfer_id, data_type.seed.expect("known"));
         let frames = data.iter().map(|data| (Frame::extended(id.build(), data), Vec::new()));
         let mut frames: Vec<Sent> = frames.collect();
         frames.last_mut().expect("a frame").1 = commands;

@@ -10,8 +10,8 @@ use bench::dronecan::{DataType, ParameterRequest, TransferId, split, types};
 use bench::{Bench, Cycles, Noise};
 
 use super::super::{
-    ARMING_STATUS, ARRAY_COMMAND, MS, NODE, NODE_STATUS, RAW_COMMAND, RAW_COMMAND_SIGNATURE,
-    SERVO_COMMAND, US, array_command,
+    ARMING_STATUS, ARRAY_COMMAND, MS, NODE, NODE_STATUS, RAW_COMMAND, SERVO_COMMAND, US,
+    array_command,
 };
 use super::{Kind, Load, Pace};
 
@@ -180,8 +180,12 @@ impl Sender {
             Kind::RawCommand => {
                 if self.rest.is_empty() {
                     let transfer_id = TransferId::new(self.next_transfer_id());
-                    self.rest =
-                        split(&[self.count as u8; 14], transfer_id, RAW_COMMAND_SIGNATURE).into();
+                    self.rest = split(
+                        &[self.count as u8; 14],
+                        transfer_id,
+                        types::RAW_COMMAND.seed.expect("known"),
+                    )
+                    .into();
                 }
                 (RAW_COMMAND | SENDER, self.rest.pop_front().expect("a frame"))
             }
@@ -203,7 +207,7 @@ impl Sender {
     fn next_of(&mut self, data_type: &DataType, payload: &[u8]) -> Vec<u8> {
         if self.rest.is_empty() {
             let transfer_id = TransferId::new(self.next_transfer_id());
-            self.rest = split(payload, transfer_id, data_type.signature.expect("known")).into();
+            self.rest = split(payload, transfer_id, data_type.seed.expect("known")).into();
         }
         self.rest.pop_front().expect("a frame")
     }

@@ -214,7 +214,7 @@ impl Soak {
         let number = TransferId::new(self.next_number(id));
         let command = Message::RawCommand(throttles.clone());
         let (_, payload) = command.encode().expect("a command");
-        for data in split(&payload, number, types::RAW_COMMAND.signature.expect("known")) {
+        for data in split(&payload, number, types::RAW_COMMAND.seed.expect("known")) {
             self.rig.send(id, &data);
         }
         if !self.others.is_armed {
