@@ -7,9 +7,10 @@
 //! ```
 //!
 //! NAME is the constant in [`types`](crate::types). The type has the data type ID, the name that
-//! views show, the CRC seed and the length of the payload; ID and seed are those of [`dronecan_wire`]. Variant is that of
-//! [`Message`](crate::Message). A service has two variants, `request` and `response`; one without
-//! fields has no parentheses. Three functions belong to a variant:
+//! views show, the CRC seed and the length of the payload; ID and seed are those of
+//! [`dronecan_wire`]. Variant is that of [`Message`](crate::Message). A service has two variants,
+//! `request` and `response`; one without fields has no parentheses. Three functions belong to a
+//! variant:
 //!
 //! ```text
 //! Fields::decode(payload: &[u8]) -> Option<Fields>    None for a payload that does not fit
@@ -159,7 +160,8 @@ macro_rules! table {
                 response ParameterResponse(response: ParameterResponse)
             };
             BEGIN_FIRMWARE_UPDATE = service(
-                wire::BEGIN_FIRMWARE_UPDATE, "BeginFirmwareUpdate", list(8, 8, 200), list(8, 8, 127),
+                wire::BEGIN_FIRMWARE_UPDATE, "BeginFirmwareUpdate",
+                list(8, 8, 200), list(8, 8, 127),
             ) => {
                 /// Node with the file (0: the sender of the request), and the file's path.
                 request BeginUpdate(update: NumberAndText)
