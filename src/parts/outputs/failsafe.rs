@@ -13,7 +13,7 @@ impl Outputs {
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         let n = self.next_ticked();
         let bit = bit(n);
-        if self.kinds.tick(bit, &mut self.each[place(n)], parameters) {
+        if self.kinds.tick(bit, &mut self.each[place(n)], now_ms, parameters) {
             self.touch();
         }
         let output = &self.each[place(n)];

@@ -41,7 +41,13 @@ pub trait Kind {
 
     /// Does what is due without a followed command. Returns true if the pulse may have changed.
     /// Asked of each kind.
-    fn tick(&mut self, _bit: u8, _output: &mut Output, _parameters: &Parameters) -> bool {
+    fn tick(
+        &mut self,
+        _bit: u8,
+        _output: &mut Output,
+        _now_ms: u16,
+        _parameters: &Parameters,
+    ) -> bool {
         false
     }
 

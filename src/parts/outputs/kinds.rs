@@ -119,9 +119,15 @@ impl Kinds {
 
     /// See [`Kind::tick`].
     #[inline(always)]
-    pub fn tick(&mut self, bit: u8, output: &mut Output, parameters: &Parameters) -> bool {
+    pub fn tick(
+        &mut self,
+        bit: u8,
+        output: &mut Output,
+        now_ms: u16,
+        parameters: &Parameters,
+    ) -> bool {
         let mut is_changed = false;
-        ask_all!(self, (kind, _) => is_changed |= kind.tick(bit, output, parameters));
+        ask_all!(self, (kind, _) => is_changed |= kind.tick(bit, output, now_ms, parameters));
         is_changed
     }
 

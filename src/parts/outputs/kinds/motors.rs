@@ -156,7 +156,7 @@ impl Kind for Motors {
     /// A motor that got a command that it must not follow has the pulse for no throttle, if
     /// MOT_IDLE says so.
     #[inline(always)]
-    fn tick(&mut self, bit: u8, output: &mut Output, parameters: &Parameters) -> bool {
+    fn tick(&mut self, bit: u8, output: &mut Output, _: u16, parameters: &Parameters) -> bool {
         let is_idle = self.idle & bit != 0;
         self.idle &= !bit;
         if is_idle && parameters.is_on(Parameter::MotIdle) {
