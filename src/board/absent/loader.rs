@@ -1,7 +1,6 @@
 //! No bootloader of `boot/`: the program has no updates over the bus.
 
 use firmware::handover::REQUEST_LEN;
-use firmware::tables::condition::ResetCause;
 
 /// False.
 pub fn is_there() -> bool {
@@ -16,7 +15,5 @@ pub fn count_restart() -> bool {
 /// Does nothing.
 pub fn forget_restarts() {}
 
-/// Restarts the program: there is nothing to enter.
-pub fn enter(_request: Option<&[u8; REQUEST_LEN]>) -> ! {
-    super::guard::restart(ResetCause::ASKED_FOR)
-}
+/// Does nothing: there is nothing to enter.
+pub fn enter(_request: Option<&[u8; REQUEST_LEN]>) {}
