@@ -115,7 +115,6 @@ impl Outputs {
 
     /// True if the vehicle is disarmed as far as this node and these outputs, a bit each, are
     /// concerned.
-    #[inline(always)]
     pub(super) fn is_disarmed(&self, outputs: u8, source: u8, parameters: &Parameters) -> bool {
         if self.kinds.needs_armed(outputs) {
             !self.arming.is_armed_by(source)
