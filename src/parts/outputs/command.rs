@@ -19,7 +19,6 @@ pub struct Command {
 
 impl Command {
     /// The command of a transfer, in this unit.
-    #[inline(always)]
     pub fn of(command: &Transfer, unit: CommandType, value: [u8; 2]) -> Self {
         Self { source: command.source, transfer: command.transfer_id(), unit, value }
     }

@@ -9,7 +9,6 @@ use crate::tables::parameters::Parameters;
 impl Outputs {
     /// Starts the failsafe of each output when it is due. Call once a millisecond: it looks at one
     /// output. Returns true if a failsafe starts because no command was followed for OUTn_TIMEOUT.
-    #[inline(always)]
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         let n = self.next_ticked();
         let bit = bit(n);
@@ -34,7 +33,6 @@ impl Outputs {
     }
 
     /// The output to look at in this millisecond: one after the other.
-    #[inline(always)]
     fn next_ticked(&mut self) -> usize {
         if OUTPUTS == 1 {
             return 0;
@@ -53,7 +51,6 @@ impl Outputs {
         }
     }
 
-    #[inline(always)]
     fn fail_output(&mut self, n: usize, bit: u8, parameters: &Parameters) {
         self.kinds.fail_safe(n, bit, &mut self.each[place(n)], parameters);
         self.touch();
@@ -61,7 +58,6 @@ impl Outputs {
 
     /// Counts down the timeouts of ArmingStatus, of SafetyState and of each kind. Call once a
     /// second.
-    #[inline(always)]
     pub fn second(&mut self, now_ms: u16, parameters: &Parameters) {
         self.logged = 0;
         if update::IS_THERE {
@@ -103,7 +99,6 @@ impl Outputs {
     }
 
     /// The output of the next actuator.Status: those with an actuator ID take turns.
-    #[inline(always)]
     pub fn next_to_report(&mut self) -> Option<usize> {
         if OUTPUTS == 1 {
             return Some(0);
@@ -120,7 +115,6 @@ impl Outputs {
 
     /// True if commands are not expected: the safety switch is on, or the autopilot says that the
     /// vehicle is disarmed. ArduPilot then leaves out channels without a pulse.
-    #[inline(always)]
     pub fn may_be_silent(&self) -> bool {
         self.safety.is_safe() || self.arming.is_said_disarmed()
     }

@@ -61,7 +61,6 @@ impl Output {
     }
 
     /// The position that the pulse asks for, in radians as a float16; NaN without a pulse.
-    #[inline(always)]
     pub fn position(&self) -> u16 {
         if self.pulse == 0 { float16::NAN } else { self.travel.position(self.pulse) }
     }
@@ -72,14 +71,12 @@ impl Output {
     }
 
     /// True if no command was followed for this time; 0 is for ever.
-    #[inline(always)]
     pub fn is_late(&self, timeout_ms: u16, now_ms: u16) -> bool {
         timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms
     }
 
     /// Follows the entry. `pulse` tells the pulse for its type and its value in fixed point.
     /// Returns the pulse and that value.
-    #[inline(always)]
     pub fn follow(
         &mut self,
         now_ms: u16,
@@ -94,19 +91,16 @@ impl Output {
     }
 
     /// Follows no command until the next one.
-    #[inline(always)]
     pub fn stop_following(&mut self) {
         self.is_following = false;
     }
 
     /// Sets the width of the pulse; 0 ends the pulses.
-    #[inline(always)]
     pub fn set_pulse(&mut self, pulse: Ticks) {
         self.pulse = pulse;
     }
 
     /// The travel.
-    #[inline(always)]
     pub fn travel(&self) -> &Travel {
         &self.travel
     }
