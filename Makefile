@@ -1,5 +1,4 @@
 # What users and CI do here. "make sim" and "make test" are all it takes on a fresh machine.
-
 SHELL := /bin/bash
 .DELETE_ON_ERROR:
 # Or cargo would look for make's jobs. The words of the command line reach a call of make below
@@ -50,7 +49,7 @@ make help-all   everything else
 BOARD=uno SHIELD=module   for another board: a wrong name lists the right ones. Own wires: CS=D8 INT=D3 CRYSTAL=8
 FEATURES=full             another preset: default, full, remote, thesis; or features with commas between them
 endef
-help: ## what users need
+help:
 	$(info $(HELP))@:
 help-all: ## this list
 	@sed -n 's/^\([a-z][a-z-]*\):.*## \(.*\)/\1|\2/p' Makefile | while IFS='|' read -r name text; do \
@@ -164,6 +163,7 @@ TESTED := $(addprefix -p ,boards boot bounds bridge fuzz-harness mcp2515-ordered
 	sim-base can-model mcp2515-model bus-load can-link node-update avr-chip avr-model bench sim rig)
 test-programs: setup-build
 	cargo test --no-run $(TESTED) -p tests
+	cargo build -p node-update
 test-host: test-programs firmwares third-party
 	nice cargo test $(TESTED)
 # In one call: a package finds those of the others, which crates.io need not have yet.
