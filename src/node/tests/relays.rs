@@ -62,18 +62,31 @@ fn a_relay_without_commands_for_relay_timeout_goes_to_its_start_whatever_others_
     assert_eq!(levels(&mut rig), [false, false]);
     assert_eq!(command(&mut rig, 5, 1), [true, false]);
     assert_eq!(command(&mut rig, 6, 0), [true, true]);
-    rig.run(1980);
+    rig.run(2900);
     assert_eq!(command(&mut rig, 6, 0), [true, true]);
     // The first relay's time is over.
-    rig.run(1000);
+    rig.run(1080);
     assert_eq!(levels(&mut rig), [false, true]);
     for _ in 0..3 {
         assert_eq!(command(&mut rig, 6, 0), [false, true]);
-        rig.run(1980);
+        rig.run(2900);
     }
     assert_eq!(levels(&mut rig), [false, true]);
     rig.run(1100);
     assert_eq!(levels(&mut rig), [false, false]);
+}
+
+#[test]
+fn a_relay_holds_for_relay_timeout_at_least_and_a_second_longer_at_most() {
+    for phase_ms in (0..1000).step_by(90) {
+        let mut rig = with_relays(&[(Parameter::RelayTimeout, 1)]);
+        rig.run(phase_ms);
+        assert_eq!(command(&mut rig, 5, 1), [true, true], "{phase_ms} ms");
+        rig.run(970);
+        assert_eq!(levels(&mut rig), [true, true], "{phase_ms} ms");
+        rig.run(1030);
+        assert_eq!(levels(&mut rig), [false, true], "{phase_ms} ms");
+    }
 }
 
 #[test]

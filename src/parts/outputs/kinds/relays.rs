@@ -15,8 +15,9 @@ pub struct Relays {
     reversed: u8,
     /// Outputs whose pins have the level of a relay.
     driven: u8,
-    /// For each output: seconds until the relay goes to the state of RELAY_START; 0 for never.
-    left_s: [u8; OUTPUTS],
+    /// For each output: beginnings of a second until the relay goes to the state of RELAY_START; 0
+    /// for never. One more than RELAY_TIMEOUT, because the first may come at once.
+    left_s: [u16; OUTPUTS],
     /// The output whose level was set last, and its bit.
     shown: u8,
     shown_bit: u8,
@@ -45,10 +46,11 @@ impl Relays {
         if holds {
             self.held |= relays;
         }
+        let timeout_s = parameters.get(Parameter::RelayTimeout);
         let mut bits = relays;
         for left_s in &mut self.left_s {
             if bits & 1 != 0 {
-                *left_s = parameters.get(Parameter::RelayTimeout) as u8;
+                *left_s = if timeout_s == 0 { 0 } else { timeout_s + 1 };
             }
             bits >>= 1;
         }
