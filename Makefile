@@ -5,7 +5,7 @@ SHELL := /bin/bash
 # through the environment.
 unexport MAKEFLAGS MFLAGS
 SUB := $(MAKE) --no-print-directory
-SIDE_BY_SIDE := $(SUB) --output-sync=line -j
+SIDE_BY_SIDE := $(SUB) -j
 
 TARGET_DIR := $(or $(CARGO_TARGET_DIR),target)
 AVR := --profile firmware -Zbuild-std=core -Zjson-target-spec --target avr-specs/avr-atmega168.json
