@@ -80,6 +80,7 @@ macro_rules! answers {
 }
 
 #[allow(unused_mut, unused_variables, reason = "a build may have servos only")]
+#[allow(clippy::toplevel_ref_arg, reason = "who asks says if a kind is borrowed mutably")]
 impl Kinds {
     /// Applies the parameters of an output. Returns true if it is of another kind than before.
     pub fn update(&mut self, n: usize, bit: u8, parameters: &Parameters) -> bool {
