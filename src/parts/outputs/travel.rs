@@ -156,9 +156,8 @@ impl Travel {
     /// OUTn_REVERSED reverses all commands but a width and a throttle.
     #[inline(always)]
     pub fn pulse(&self, unit: CommandType, value: i16) -> Ticks {
-        match unit {
-            CommandType::Byte => return self.pulse_of_byte(value as u8),
-            _ => {}
+        if unit == CommandType::Byte {
+            return self.pulse_of_byte(value as u8);
         }
         let mut is_low = value < 0;
         let magnitude = value.unsigned_abs();
