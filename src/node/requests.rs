@@ -28,10 +28,12 @@ const ERROR_INVALID_MODE: u8 = 1;
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Node {
     /// Accepts a request that needs no action.
+    #[inline(always)]
     pub(super) fn accept(&mut self, _: &Transfer, _: impl Constants) -> Reply {
         Reply::of(Line::Request)
     }
 
+    #[inline(always)]
     pub(super) fn respond_node_info<C, P>(
         &mut self,
         _: &Pending,
@@ -43,6 +45,7 @@ impl Node {
         true
     }
 
+    #[inline(always)]
     pub(super) fn respond_stats<C: CanCounters, P>(
         &mut self,
         _: &Pending,
@@ -56,6 +59,7 @@ impl Node {
         true
     }
 
+    #[inline(always)]
     pub(super) fn act_on_restart(&mut self, request: &Transfer, _: impl Constants) -> Reply {
         // The magic number is 0xACCE551B1E (DSDL uavcan/protocol/5.RestartNode.uavcan).
         let is_accepted =
@@ -67,6 +71,7 @@ impl Node {
     }
 
     /// The response to RestartNode: one bit.
+    #[inline(always)]
     pub(super) fn respond_ok<C, P>(&mut self, pending: &Pending, _: &mut Response<C, P>) -> bool {
         // A restart would cut off the save, to which the response comes later.
         if ANSWERS_WHILE_SAVING && self.store.is_saving() {
@@ -79,10 +84,12 @@ impl Node {
 
     /// True if type, ID and number of the outputs must not change, because the vehicle is armed: a
     /// motor would stop. A single output is no motor.
+    #[inline(always)]
     fn are_outputs_fixed(&self) -> bool {
         OUTPUTS > 1 && self.control.outputs.arming.is_armed()
     }
 
+    #[inline(always)]
     pub(super) fn act_on_get_set(&mut self, request: &Transfer, flash: impl Constants) -> Reply {
         let Some(GetSet { parameter, value }) = GetSet::read(request, flash) else {
             return Reply::of(Line::RefusedLength);
@@ -107,6 +114,7 @@ impl Node {
         Reply { line, argument: parameter, value: self.parameters.value(parameter).unwrap_or(0) }
     }
 
+    #[inline(always)]
     pub(super) fn respond_get_set<C, P: Constants>(
         &mut self,
         pending: &Pending,
@@ -124,6 +132,7 @@ impl Node {
         true
     }
 
+    #[inline(always)]
     pub(super) fn act_on_opcode(&mut self, request: &Transfer, flash: impl Constants) -> Reply {
         let &[opcode, ..] = request.bytes();
         if request.len() != 7 {
@@ -138,6 +147,7 @@ impl Node {
         Reply { argument: is_done.into(), ..Reply::of(Line::Request) }
     }
 
+    #[inline(always)]
     pub(super) fn respond_opcode<C, P>(
         &mut self,
         pending: &Pending,
@@ -167,6 +177,7 @@ impl Node {
         true
     }
 
+    #[inline(always)]
     pub(super) fn act_on_update(&mut self, request: &Transfer, _: impl Constants) -> Reply {
         let verdict = self.update.act_on_request(request, self.control.outputs.are_in_use()) as u8;
         if Verdict::is_accepted(verdict) {
@@ -175,6 +186,7 @@ impl Node {
         Reply { argument: verdict, ..Reply::of(Line::Request) }
     }
 
+    #[inline(always)]
     pub(super) fn respond_update<C, P>(
         &mut self,
         pending: &Pending,

@@ -50,6 +50,7 @@ pub struct Reply {
 
 impl Reply {
     /// A reply that needs nothing else.
+    #[inline(always)]
     pub const fn of(line: Line) -> Self {
         Self { line, argument: 0, value: 0 }
     }
@@ -100,6 +101,7 @@ impl Services {
     }
 
     /// True if the queue has no room for another request.
+    #[inline(always)]
     pub fn is_full(&self) -> bool {
         self.count == WAITING as u8
     }
@@ -116,6 +118,7 @@ impl Services {
     }
 
     /// Adds a request. There must be room. `argument` and `value` are those of its response.
+    #[inline(always)]
     pub fn add(&mut self, request: &Transfer, argument: u8, value: u16) {
         let pending = self.place(self.count);
         pending.kind = request.kind;
@@ -128,6 +131,7 @@ impl Services {
     }
 
     /// Puts the oldest request behind all others, if others go first.
+    #[inline(always)]
     pub fn postpone(&mut self) {
         if ANSWERS_WHILE_SAVING {
             let pending = *self.place(0);
@@ -137,6 +141,7 @@ impl Services {
     }
 
     /// Removes the oldest request: the last frame of its response was handed over.
+    #[inline(always)]
     pub fn responded(&mut self, now_ms: u16) {
         let &mut Pending { kind, argument, .. } = self.place(0);
         self.count -= 1;
@@ -152,11 +157,13 @@ impl Services {
     }
 
     /// The program does not restart after all.
+    #[inline(always)]
     pub fn call_off_restart(&mut self) {
         self.is_to_restart = false;
     }
 
     /// True if it is time to restart the program. `is_empty`: the controller has no frame to send.
+    #[inline(always)]
     pub fn is_to_restart(&self, now_ms: u16, is_empty: bool) -> bool {
         let wait_ms = if is_empty { RESTART_MS } else { UNSENT_MS };
         self.is_to_restart && now_ms.wrapping_sub(self.responded_ms) >= wait_ms
@@ -164,6 +171,7 @@ impl Services {
 }
 
 /// True if a kind is `wanted`, which the build may leave out.
+#[inline(always)]
 fn is(kind: Kind, wanted: Kind) -> bool {
     wanted != Kind::Unknown && kind == wanted
 }

@@ -76,6 +76,7 @@ impl Thermometer {
     }
 
     /// The temperature for a sensor with 0 V at 0 degrees, in 64ths of a kelvin, rounded.
+    #[inline(always)]
     pub fn uncorrected(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
         let slope = parameters.get(Parameter::TempSlope);
@@ -85,6 +86,7 @@ impl Thermometer {
 
 /// Corrects a temperature from [`uncorrected`](Thermometer::uncorrected) by TEMP_OFFSET. The result
 /// is in 64ths of a kelvin, rounded, and at most 784.6 K.
+#[inline(always)]
 pub fn corrected(measured: u16, parameters: &Parameters) -> u16 {
     // TEMP_OFFSET is in mV and TEMP_SLOPE in 0.1 mV per kelvin: times 10 for the unit and times 64
     // for 64ths of a kelvin is 640.

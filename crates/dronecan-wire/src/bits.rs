@@ -43,16 +43,19 @@ impl Id {
     const ANONYMOUS_TYPE: u8 = 0b11;
 
     /// Makes an identifier of its bytes, the most significant first.
+    #[inline(always)]
     pub const fn from_bytes(bytes: [u8; 4]) -> Self {
         Self(bytes)
     }
 
     /// The bytes, the most significant first.
+    #[inline(always)]
     pub const fn to_bytes(self) -> [u8; 4] {
         self.0
     }
 
     /// Makes the identifier of a message. Source 0 is an anonymous node.
+    #[inline(always)]
     pub const fn message(priority: u8, data_type: u16, source: u8) -> Self {
         let [high, low] = data_type.to_be_bytes();
         Self([priority, high, low, source])
@@ -61,61 +64,73 @@ impl Id {
     /// Makes the identifier of an anonymous message. It holds only the lower two bits of the data
     /// type ID, and the lower 14 bits of `discriminator`. The discriminator is random or a
     /// checksum of the payload, so that two nodes do not send the same identifier.
+    #[inline(always)]
     pub const fn anonymous(priority: u8, data_type: u16, discriminator: u16) -> Self {
         Self::message(priority, discriminator << 2 | data_type & Self::ANONYMOUS_TYPE as u16, 0)
     }
 
     /// Makes the identifier of a request to a node.
+    #[inline(always)]
     pub const fn request(priority: u8, service: u8, destination: u8, source: u8) -> Self {
         Self([priority, service, Self::REQUEST | destination, Self::SERVICE | source])
     }
 
     /// Makes the identifier of the response to a request.
+    #[inline(always)]
     pub const fn response(priority: u8, service: u8, destination: u8, source: u8) -> Self {
         Self([priority, service, destination, Self::SERVICE | source])
     }
 
     /// The priority: 0 (wins every arbitration) to 31.
+    #[inline(always)]
     pub const fn priority(self) -> u8 {
         self.0[byte::PRIORITY] & Self::PRIORITY
     }
 
     /// True for a service, false for a message.
+    #[inline(always)]
     pub const fn is_service(self) -> bool {
         self.0[byte::SOURCE] & Self::SERVICE != 0
     }
 
     /// The data type ID of a message.
+    #[inline(always)]
     pub const fn data_type(self) -> u16 {
         u16::from_le_bytes([self.0[byte::DATA_TYPE_LOW], self.0[byte::DATA_TYPE_HIGH]])
     }
 
     /// The lower two bits of the data type ID of an anonymous message.
+    #[inline(always)]
     pub const fn anonymous_data_type(self) -> u8 {
         self.0[byte::DATA_TYPE_LOW] & Self::ANONYMOUS_TYPE
     }
 
     /// The service ID of a service.
+    #[inline(always)]
     pub const fn service(self) -> u8 {
         self.0[byte::SERVICE]
     }
 
     /// True for a request, false for a response. Only for a service.
+    #[inline(always)]
     pub const fn is_request(self) -> bool {
         self.0[byte::DESTINATION] & Self::REQUEST != 0
     }
 
     /// True for a request to `node`. Only for a service.
+    #[inline(always)]
     pub const fn is_request_to(self, node: u8) -> bool {
         self.0[byte::DESTINATION] == Self::REQUEST | node
     }
 
     /// The node ID of the receiver of a service.
+    #[inline(always)]
     pub const fn destination(self) -> u8 {
         self.0[byte::DESTINATION] & Self::NODE
     }
 
     /// The node ID of the sender: 1 to 127, or 0 if the sender is anonymous.
+    #[inline(always)]
     pub const fn source(self) -> u8 {
         self.0[byte::SOURCE] & Self::NODE
     }
@@ -156,32 +171,38 @@ impl Tail {
     pub const TRANSFER_ID: u8 = 31;
 
     /// True for the first frame of a transfer.
+    #[inline(always)]
     pub const fn is_start(self) -> bool {
         self.0 & Self::START != 0
     }
 
     /// True for the last frame of a transfer.
+    #[inline(always)]
     pub const fn is_end(self) -> bool {
         self.0 & Self::END != 0
     }
 
     /// True for the only frame of a transfer.
+    #[inline(always)]
     pub const fn is_single(self) -> bool {
         self.0 >= Self::START | Self::END
     }
 
     /// True if the toggle bit is set.
+    #[inline(always)]
     pub const fn toggle(self) -> bool {
         self.0 & Self::TOGGLE != 0
     }
 
     /// The transfer ID: 0 to 31.
+    #[inline(always)]
     pub const fn transfer_id(self) -> u8 {
         self.0 & Self::TRANSFER_ID
     }
 
     /// True if a frame with this tail can follow a frame with the tail `before`: the transfer ID is
     /// the same and the toggle bit is inverted.
+    #[inline(always)]
     pub const fn follows(self, before: Self) -> bool {
         (before.0 ^ self.0) & (Self::TOGGLE | Self::TRANSFER_ID) == Self::TOGGLE
     }

@@ -133,6 +133,7 @@ impl Outputs {
     }
 
     /// The number of outputs in use.
+    #[inline(always)]
     pub fn used(&self) -> usize {
         if OUTPUTS == 1 { 1 } else { usize::from(self.used).min(OUTPUTS) }
     }
@@ -144,6 +145,7 @@ impl Outputs {
     }
 
     /// Begins to apply the parameters: those of the first output are next.
+    #[inline(always)]
     pub fn begin_update(&mut self) {
         if OUTPUTS > 1 {
             self.updated = 0;
@@ -163,6 +165,7 @@ impl Outputs {
         n + 1 == self.used()
     }
 
+    #[inline(always)]
     fn update_output(&mut self, n: usize, parameters: &Parameters) {
         let id = parameters.of(n, OutputParameter::Id) as u8;
         let is_another_kind = self.kinds.update(n, bit(n), parameters);
@@ -184,6 +187,7 @@ impl Outputs {
 
     /// Finds the slot of an output, which `has_slot` if it follows ArrayCommands. The first of the
     /// outputs with the same ID has the slot, with the bits of all of them.
+    #[inline(always)]
     fn update_slot(&mut self, n: usize, has_slot: bool, is_another: bool) {
         let own = Slot::new(n as u8);
         if is_another {
@@ -212,6 +216,7 @@ impl Outputs {
 
     /// The slot in which the receiver keeps an entry with this ID. It is looked up in 20 cycles,
     /// unless IDs differ by 16.
+    #[inline(always)]
     pub fn slot_of(&self, id: u8) -> Option<Slot> {
         if OUTPUTS == 1 {
             return (self.each[0].id == id).then_some(Slot::new(0));
@@ -237,11 +242,13 @@ impl Outputs {
     }
 
     /// The position that an output's pulse asks for, in radians as a float16; NaN without a pulse.
+    #[inline(always)]
     pub fn position(&self, output: usize) -> u16 {
         self.each[place(output)].position()
     }
 
     /// Gives the pulses to the outputs of the board.
+    #[inline(always)]
     pub fn show(&mut self, board: &mut impl Pulses) {
         self.kinds.show(board);
         // A single output ends its pulses only between two of them, so it gets its width again
@@ -256,6 +263,7 @@ impl Outputs {
     }
 
     /// A pulse changed without a command. (The board gets that of a single output in any case.)
+    #[inline(always)]
     fn touch(&mut self) {
         if OUTPUTS > 1 {
             self.is_stale = true;
@@ -265,6 +273,7 @@ impl Outputs {
 
 /// The bit of an output in a set of outputs, or of a node ID modulo 8. The AVR shifts by one place
 /// at a time, so this takes half as long as a shift by a variable.
+#[inline(always)]
 const fn bit(output: usize) -> u8 {
     let mut bit = 1u8;
     if output & 1 != 0 {
@@ -282,12 +291,14 @@ const fn bit(output: usize) -> u8 {
 /// The same reference, of which the compiler does not know that it is to a static. Otherwise it
 /// adds the address of the static to the offset of a field at each access, and that takes three
 /// instructions more. (A single output has no offset.)
+#[inline(always)]
 fn by_pointer<T: ?Sized>(outputs: &mut T) -> &mut T {
     if OUTPUTS == 1 { outputs } else { core::hint::black_box(outputs) }
 }
 
 /// The place of an output in a table. Outputs beyond the last do not occur, and the compiler cannot
 /// know that.
+#[inline(always)]
 #[allow(clippy::modulo_one, reason = "a build may have one output")]
 fn place(output: usize) -> usize {
     output % OUTPUTS

@@ -40,14 +40,17 @@ pub trait Policy {
 
     /// A sender completed a transfer that has something for this node. A list without an entry for
     /// this node is not reported.
+    #[inline(always)]
     fn completed(&mut self, _source: u8, _now_ms: u16) {}
 
     /// A transfer of a sender was lost: it expired, its CRC is wrong, its sender began another one
     /// before its end, or its next frame did not come before the lane had another use.
+    #[inline(always)]
     fn lost(&mut self, _source: u8) {}
 
     /// The program has no use for a complete transfer of a sender: see
     /// [`Receiver::refused`](super::Receiver::refused).
+    #[inline(always)]
     fn refused(&mut self, source: u8) {
         self.lost(source);
     }
