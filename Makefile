@@ -173,7 +173,7 @@ test-packages:
 
 # The unit tests of the node need no simulator, so they build in seconds. Each feature is in one of
 # these sets.
-PRESETS := default full remote thesis relay,rpm tunnel
+PRESETS := default full remote thesis masks,relay,rpm masks,tunnel
 # The board of the tests.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 test-library:

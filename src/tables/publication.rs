@@ -12,7 +12,7 @@ use super::types::{DRAFT_MEASUREMENT, NODE_STATUS};
 /// When a message is sent.
 #[allow(dead_code, reason = "a build may have no message with a rate")]
 pub enum When {
-    /// So many times a second as the parameter says.
+    /// As often as the parameter says, in times a second.
     Rate(Parameter),
     /// On an event.
     Event,
