@@ -234,6 +234,12 @@ impl Engine {
         self.state == State::Idle
     }
 
+    /// After an [`Event::Error`] in listen-only mode: the frame that was broken, with zeros for the
+    /// data that had not arrived. `None` if the control field had not arrived.
+    pub fn broken_frame(&self) -> Option<Frame> {
+        self.parser.has_control_field().then(|| self.parser.frame())
+    }
+
     /// True if a dominant bit now would be a SOF.
     pub(super) fn is_free_for_sof(&self) -> bool {
         matches!(self.state, State::Idle | State::Intermission { bit: 2 })

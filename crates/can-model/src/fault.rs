@@ -50,6 +50,8 @@ pub enum Fault {
     DestroyFrames(bool),
     /// The wire is shorted and always dominant.
     StuckDominant(bool),
+    /// The two wires are shorted to each other: always recessive.
+    StuckRecessive(bool),
 }
 
 /// See [`Fault::DestroyFrames`].
@@ -84,7 +86,7 @@ pub(super) struct Faults {
     no_ack: bool,
     ack_destroyed: bool,
     destroy: bool,
-    stuck: bool,
+    stuck: Option<Level>,
     /// Number of the next bit in its frame.
     frame_bit: Option<u32>,
 }
@@ -120,7 +122,8 @@ impl Faults {
             Fault::NoAck(on) => self.no_ack = on,
             Fault::AckDestroyed(on) => self.ack_destroyed = on,
             Fault::DestroyFrames(on) => self.destroy = on,
-            Fault::StuckDominant(on) => self.stuck = on,
+            Fault::StuckDominant(on) => self.stuck = on.then_some(Level::Dominant),
+            Fault::StuckRecessive(on) => self.stuck = on.then_some(Level::Recessive),
         }
         self.update_any();
     }
@@ -134,7 +137,7 @@ impl Faults {
     }
 
     fn update_any(&mut self) {
-        let lasting = self.no_ack || self.ack_destroyed || self.destroy || self.stuck;
+        let lasting = self.no_ack || self.ack_destroyed || self.destroy || self.stuck.is_some();
         self.any =
             lasting || !self.flips.is_empty() || self.noise.is_some() || !self.lose.is_empty();
     }
@@ -142,7 +145,7 @@ impl Faults {
     /// Number of idle bits that no fault affects.
     pub fn harmless_idle_bits(&self) -> u64 {
         match &self.noise {
-            _ if self.stuck => 0,
+            _ if self.stuck == Some(Level::Dominant) => 0,
             Some(noise) => noise.clean_bits,
             None => u64::MAX,
         }
@@ -196,8 +199,8 @@ impl Faults {
         if self.ack_destroyed && context.ack_slot {
             distortion.force = Some(Level::Recessive);
         }
-        if self.stuck {
-            distortion = Distortion { force: Some(Level::Dominant), ..Distortion::default() };
+        if self.stuck.is_some() {
+            distortion = Distortion { force: self.stuck, ..Distortion::default() };
         }
         self.update_any();
         distortion

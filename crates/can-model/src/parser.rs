@@ -239,7 +239,12 @@ impl Parser {
         }
     }
 
-    /// The frame, after [`Step::Valid`].
+    /// True if the identifier and the control field have arrived.
+    pub fn has_control_field(&self) -> bool {
+        self.field > Field::Dlc
+    }
+
+    /// The frame, after [`Step::Valid`]. Before that, data that have not arrived are zero.
     pub fn frame(&self) -> Frame {
         let id = if self.extended { Id::Extended(self.id) } else { Id::Standard(self.id as u16) };
         if self.remote {

@@ -145,7 +145,7 @@ impl Mcp2515 {
     }
 
     /// Number of frames since power-up that the filters accepted and that were lost because no
-    /// buffer was free.
+    /// buffer was free, except in listen-only mode, in which others acknowledge them.
     pub fn rx_overflows(&self) -> u32 {
         self.rx_overflows
     }

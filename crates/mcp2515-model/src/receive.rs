@@ -1,22 +1,27 @@
 //! The two receive buffers: filling, rollover, overflow, and a log for latency measurements.
 //!
-//! The protocol engine has the message assembly buffer; frames arrive here complete. A frame goes
-//! to the buffer that its filters choose. If RXB0 is full and BUKT is set, it goes to RXB1,
-//! whatever RXB1's own filters are. RXB1 does not roll over. If no buffer is free, the frame is
-//! lost and sets the overflow flag of the last buffer in question (4.2, Figure 4-3).
+//! The protocol engine has the message assembly buffer. A frame goes to the buffer that its filters
+//! choose. If RXB0 is full and BUKT is set, it goes to RXB1, whatever RXB1's own filters are. RXB1
+//! does not roll over. If no buffer is free, the frame is lost and sets the overflow flag of the
+//! last buffer in question (4.2, Figure 4-3).
 //!
-//! Limit: with RXM = 11 the chip also loads the part of a frame before an error; the model loads
-//! only valid frames. In listen-only mode masks and filters apply as in other modes; 10.3 can be
-//! read otherwise. Data bytes beyond the frame's length keep the previous frame's values; by 4.1.2
-//! the driver must not rely on that.
+//! In listen-only mode valid and invalid frames are received, whatever filters, masks and RXM say
+//! (10.3). The datasheet does not say to which buffer they go, nor what is in it. In the model they
+//! go where RXM = 11 puts them, to RXB0 first. Of a broken frame the part up to the error is loaded
+//! (as 4.2.2 has it for RXM = 11), with zeros for the data bytes that are missing. If its control
+//! field was not complete, nothing is loaded.
 //!
-//! Source: DS20001801J section 4, Registers 4-1 to 4-9, section 7.6.1.
+//! Limit: with RXM = 11 the chip also loads the part of a frame before an error; outside of
+//! listen-only mode the model loads only valid frames. Data bytes beyond the frame's length keep
+//! the previous frame's values; by 4.1.2 the driver must not rely on that.
+//!
+//! Source: DS20001801J section 4, Registers 4-1 to 4-9, sections 7.6.1 and 10.3.
 
 use std::collections::VecDeque;
 
-use super::Mcp2515;
 use super::filters::{self, Hit, pack_id};
 use super::registers::{self, BUFFER_STRIDE, RXB0CTRL, dlc, eflg, int, offset, rxctrl, sidl};
+use super::{Mcp2515, Mode};
 use can_model::{Frame, Id};
 use sim_base::Cycles;
 
@@ -81,10 +86,13 @@ impl Mcp2515 {
         self.registers[usize::from(registers::CANINTF)] & (int::RX0 << n) != 0
     }
 
-    /// Handles a valid frame that is complete at `at`.
+    /// Handles a frame that is complete at `at`, or in listen-only mode broken.
     pub(super) fn receive(&mut self, frame: Frame, at: Cycles) {
         let control = [self.registers[Self::rx_control(0)], self.registers[Self::rx_control(1)]];
-        let rxm = control.map(|control| (control & rxctrl::RXM) >> rxctrl::RXM_SHIFT);
+        let rxm = match self.mode {
+            Mode::ListenOnly => [rxctrl::RXM >> rxctrl::RXM_SHIFT; 2],
+            _ => control.map(|control| (control & rxctrl::RXM) >> rxctrl::RXM_SHIFT),
+        };
         let Some(Hit { buffer, filter }) = filters::accept(&self.registers, rxm, &frame) else {
             return;
         };
@@ -115,7 +123,9 @@ impl Mcp2515 {
     }
 
     fn overflow(&mut self, frame: Frame, buffer: usize, at: Cycles) {
-        self.rx_overflows += 1;
+        if self.mode != Mode::ListenOnly {
+            self.rx_overflows += 1;
+        }
         self.registers[usize::from(registers::EFLG)] |= [eflg::RX0OVR, eflg::RX1OVR][buffer];
         self.raise(int::ERR);
         self.log.push(LoggedFrame { frame, buffer, received_at: at, fate: Fate::Lost });

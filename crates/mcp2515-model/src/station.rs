@@ -104,6 +104,11 @@ impl Mcp2515 {
             Event::ArbitrationLost => self.tx_failed(Failure::LostArbitration),
             Event::Error { transmitting, .. } => {
                 self.raise(int::MERR);
+                if self.mode == Mode::ListenOnly
+                    && let Some(frame) = self.can.broken_frame()
+                {
+                    self.receive(frame, at);
+                }
                 if transmitting {
                     self.tx_failed(Failure::BusError);
                 }

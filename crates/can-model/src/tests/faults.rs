@@ -192,6 +192,19 @@ fn on_a_wire_stuck_dominant_no_frame_passes_until_it_is_released() {
 }
 
 #[test]
+fn on_a_bus_that_is_always_recessive_a_sender_goes_bus_off_and_the_others_see_nothing() {
+    let mut rig = Rig::of(2);
+    rig.bus.inject(Fault::StuckRecessive(true));
+    rig.send(0, frame(COMMAND));
+    rig.run_bits(1000);
+    assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::BusOff);
+    assert_eq!((rig.counters(1), rig.received(1)), ((0, 0), vec![]));
+    rig.bus.clear_faults();
+    rig.run_bits(128 * 11 + 200);
+    assert_eq!(rig.received(1), [frame(COMMAND)]);
+}
+
+#[test]
 fn a_glitch_on_an_idle_bus_is_an_error_frame_without_a_sender() {
     let mut rig = Rig::of(2);
     rig.bus.inject(Fault::StuckDominant(true));

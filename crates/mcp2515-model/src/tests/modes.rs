@@ -252,13 +252,20 @@ fn loopback_takes_time_and_keeps_the_transmit_priority() {
     assert_eq!(bench.read_many(RXB1SIDH, 2), [0x20, 0x00]);
 }
 
-/// DS20001801J 10.3: in listen-only mode the chip receives frames that others acknowledge, and
-/// drives nothing.
+/// A second node on the bus, which acknowledges.
+fn add_witness(bench: &mut Bench) {
+    let witness = std::rc::Rc::new(std::cell::RefCell::new(can_model::SoftNode::new(1_000_000)));
+    bench.bus.attach("witness", witness);
+    bench.run_bits(50);
+}
+
+/// DS20001801J 10.3: in listen-only mode the chip receives frames, and drives nothing. One that
+/// nobody acknowledges is an invalid one.
 #[test]
 fn listen_only_receives_and_never_acknowledges() {
     let mut bench = Bench::in_mode(LISTEN_ONLY);
     bench.peer_sends(&[Frame::standard(0x123, &[1])]);
-    assert_eq!(bench.read(CANINTF) & RX0IF, 0, "no node acknowledged it");
+    assert_eq!(bench.read(CANINTF) & (MERRF | RX0IF), MERRF | RX0IF);
     let records = bench.bus.take_records();
     assert!(!records.is_empty());
     for record in records {
@@ -266,11 +273,49 @@ fn listen_only_receives_and_never_acknowledges() {
     }
 
     let mut bench = Bench::in_mode(LISTEN_ONLY);
-    let witness = std::rc::Rc::new(std::cell::RefCell::new(can_model::SoftNode::new(1_000_000)));
-    bench.bus.attach("witness", witness);
-    bench.run_bits(50);
+    add_witness(&mut bench);
     bench.peer_sends(&[Frame::standard(0x123, &[1])]);
     bench.assert_register(CANINTF, RX0IF);
+}
+
+/// DS20001801J 10.3: filters, masks and RXM do not matter. The frames fill RXB0, and roll over.
+#[test]
+fn listen_only_receives_frames_that_the_filters_reject() {
+    for mode in [NORMAL, LISTEN_ONLY] {
+        let mut bench = Bench::new();
+        bench.set_up();
+        bench.write(RXM0, &[0xFF; 8]);
+        bench.write(RXB0CTRL, &[BUKT]);
+        bench.enter(mode);
+        add_witness(&mut bench);
+        bench.peer_sends(&[Frame::standard(0x123, &[1]), Frame::extended(0x1234, &[2])]);
+        let expected = if mode == LISTEN_ONLY { RX0IF | RX1IF } else { 0 };
+        bench.assert_register(CANINTF, expected);
+    }
+}
+
+/// DS20001801J 10.3: a frame with an error is received, too, with the part that had arrived.
+#[test]
+fn listen_only_receives_a_broken_frame() {
+    // SOF, identifier, RTR, IDE and r0, and the length. There are no stuff bits.
+    let control = 1 + 11 + 3 + 4;
+    let (in_length, in_second_byte) = (control - 3, control + 8);
+    for (bit, mode, expected) in [
+        (in_length, LISTEN_ONLY, MERRF),
+        (in_second_byte, NORMAL, MERRF),
+        (in_second_byte, LISTEN_ONLY, MERRF | RX0IF),
+    ] {
+        let mut bench = Bench::in_mode(mode);
+        add_witness(&mut bench);
+        bench.bus.inject(can_model::Fault::FlipBit { bit });
+        bench.peer.borrow_mut().send(Frame::standard(0x555, &[0xAA; 4]));
+        // The error flag follows. The frame is not repeated yet.
+        bench.run_bits(u64::from(bit) + 15);
+        bench.assert_register(CANINTF, expected);
+        if expected & RX0IF != 0 {
+            assert_eq!(bench.read_many(RXB0SIDH, 9), [0xAA, 0xA0, 0, 0, 4, 0xAA, 0, 0, 0]);
+        }
+    }
 }
 
 /// DS20001801J 10.3: in listen-only mode the chip sends no message, and the error counters are off.

@@ -141,6 +141,6 @@ fn a_listener_with_another_bit_rate_does_not_disturb() {
     let frame = Frame::extended(0x0123_4567, &[0x5A; 8]);
     bench.peer_sends(&[frame]);
     assert_eq!(witness.borrow_mut().take_received().len(), 1);
-    assert_eq!(bench.read(CANINTF) & (RX0IF | RX1IF | MERRF), MERRF);
+    assert_ne!(bench.read(CANINTF) & MERRF, 0);
     assert_eq!(bench.read(REC), 0);
 }
