@@ -1,18 +1,18 @@
 //! The voltages at the ADC's inputs (datasheet section 24).
 //!
-//! simavr scales by 1023 instead of 1024 and, at a prescaler of 128, converts in 256 cycles instead
-//! of 1664. This model gives simavr the input for which simavr's formula has the datasheet's
-//! result, `Vin * 1024 / Vref` with the first transition at half a step, and the duration of 13 ADC
-//! clocks (25 for the first conversion). Noise is uniform, seeded, and added to each sample.
+//! A result is `Vin * 1024 / Vref` with the first transition at half a step. Noise is uniform,
+//! seeded, and added to each sample.
 
-use super::core::Core;
-use super::regs::{ADCSRA, ADPS};
+use super::regs::{MUX, REFS};
 use sim_base::Noise;
 
 /// Number of input channels on pins.
 const CHANNELS: usize = 8;
-/// `avr_adc_mux_t.kind` of a single-ended channel.
-const ADC_MUX_SINGLE: u32 = simavr_ffi::ADC_MUX_SINGLE;
+/// MUX3:0 of the internal reference.
+const BAND_GAP: u8 = 0b1110;
+const BAND_GAP_MV: u32 = 1100;
+/// Voltage at AVCC and AREF.
+const SUPPLY_MV: u32 = 5000;
 
 /// Voltages at the analogue inputs.
 #[derive(Debug)]
@@ -39,17 +39,21 @@ impl Adc {
         self.noise = Noise::new(seed);
     }
 
-    /// Samples the input that `mux` (simavr's avr_adc_mux_t) selects, for a conversion.
-    pub fn sample(&mut self, core: &Core, mux: u32) {
-        let prescaler = 1u8 << (core.get(ADCSRA) & ADPS).max(1);
-        let channel = (mux >> 19) as u8;
-        let single_ended = mux & 0b111 == ADC_MUX_SINGLE && usize::from(channel) < CHANNELS;
-        let reference_mv = u64::from(core.adc_reference_millivolts());
-        let input_uv = if single_ended { self.input_with_noise_uv(channel) } else { 0 };
-        let reference_uv = reference_mv * 1000;
-        let code = ((u64::from(input_uv) * 1024 + reference_uv / 2) / reference_uv).min(1023);
-        let millivolts = (code * reference_mv).div_ceil(1023);
-        core.set_adc_input(channel, millivolts as u16, prescaler);
+    /// The result for an input and a reference. What is no pin has 0 V.
+    pub fn sample(&mut self, channel: u8, reference_mv: u32) -> u32 {
+        let is_pin = usize::from(channel) < CHANNELS;
+        let input_uv = if is_pin { self.input_with_noise_uv(channel) } else { 0 };
+        code(input_uv, reference_mv)
+    }
+
+    /// The result for the input and the reference that a value of ADMUX selects.
+    pub fn convert(&mut self, admux: u8) -> u16 {
+        let reference_mv = if admux & REFS == REFS { BAND_GAP_MV } else { SUPPLY_MV };
+        let result = match admux & MUX {
+            BAND_GAP => code(BAND_GAP_MV * 1000, reference_mv),
+            channel => self.sample(channel, reference_mv),
+        };
+        result as u16
     }
 
     fn input_with_noise_uv(&mut self, channel: u8) -> u32 {
@@ -60,4 +64,10 @@ impl Adc {
         let offset = self.noise.below(2 * u64::from(self.noise_uv) + 1) as u32;
         (input + offset).saturating_sub(self.noise_uv)
     }
+}
+
+/// The datasheet's result of a conversion.
+fn code(input_uv: u32, reference_mv: u32) -> u32 {
+    let reference_uv = u64::from(reference_mv) * 1000;
+    ((u64::from(input_uv) * 1024 + reference_uv / 2) / reference_uv).min(1023) as u32
 }

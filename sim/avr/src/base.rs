@@ -3,15 +3,11 @@
 //!
 //! A model gets `&Base` and does not use the machine, which owns both.
 
-use std::any::Any;
-use std::cell::{Cell, OnceCell, RefCell};
-use std::ffi::c_void;
-use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::cell::{Cell, RefCell};
 
 use anyhow::Result;
-use simavr_ffi as ffi;
 
-use super::core::{Core, WriteHandler};
+use super::core::{Core, Engine};
 use super::unmodelled::Unmodelled;
 use avr_chip::{Chip, Violation};
 use sim_base::Cycles;
@@ -29,9 +25,44 @@ const CBI: u16 = 0x9800;
 const SBIC: u16 = 0x9900;
 const SBIS: u16 = 0x9B00;
 
-/// A timer of a model, by its unique name. It has at most one expiry time.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Timer(pub &'static str);
+macro_rules! timers {
+    ($($(#[$doc:meta])* $name:ident,)*) => {
+        /// A timer of a model. It has at most one expiry time.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        pub(super) enum Timer {
+            $($(#[$doc])* $name,)*
+        }
+
+        impl Timer {
+            /// All timers, in the order of their numbers.
+            pub const ALL: [Timer; Timer::COUNT] = [$(Timer::$name),*];
+            pub const COUNT: usize = [$(stringify!($name)),*].len();
+        }
+    };
+}
+
+timers! {
+    Spi,
+    UartSend,
+    UartReceive,
+    Eeprom,
+    Spm,
+    Twi,
+    /// Timer0, and so on.
+    Counter0,
+    Counter1,
+    Counter2,
+    /// Input capture of Timer1.
+    Capture,
+    /// Of the own engine.
+    Watchdog,
+    /// Of the own engine.
+    Adc,
+    /// The clocks start after a sleep.
+    Wake,
+    /// End of a run on simavr.
+    Stop,
+}
 
 /// The model of a peripheral. The machine calls it for its registers, its timers and resets.
 ///
@@ -77,83 +108,68 @@ pub(super) trait Peripheral {
     fn interrupt_returns(&self, _base: &Base) {}
 }
 
-/// The parameter of simavr's callback for a timer.
-pub(super) struct TimerSlot {
-    /// The context of the core.
-    pub context: *mut c_void,
-    pub timer: Timer,
-}
-
-/// The timers, and the callback that simavr calls for each of them.
-struct Timers {
-    slots: Box<[TimerSlot]>,
-    callback: ffi::avr_cycle_timer_t,
-}
-
 /// The core, the time, timers and violations of a chip.
 pub(super) struct Base {
     pub core: Core,
     /// Time of the last reset. simavr counts from 0 after each reset.
     last_reset: Cell<Cycles>,
-    timers: OnceCell<Timers>,
-    /// True if a callback needs the run loop to handle a reset or a panic.
-    attention: Cell<bool>,
-    panic: Cell<Option<Box<dyn Any + Send>>>,
-    originals: RefCell<Vec<(u16, WriteHandler)>>,
     violations: RefCell<Vec<Violation>>,
     /// All uses so far.
     unmodelled: RefCell<Vec<Unmodelled>>,
 }
 
 impl Base {
-    /// A core without timers and hooks.
-    pub fn new(chip: Chip) -> Result<Base> {
+    /// A core without hooks.
+    pub fn new(engine: Engine, chip: Chip) -> Result<Base> {
         Ok(Base {
-            core: Core::new(chip)?,
+            core: Core::new(engine, chip)?,
             last_reset: Cell::new(0),
-            timers: OnceCell::new(),
-            attention: Cell::new(false),
-            panic: Cell::new(None),
-            originals: RefCell::default(),
             violations: RefCell::default(),
             unmodelled: RefCell::default(),
         })
     }
 
-    /// Registers the timers. simavr calls `callback` with a pointer to a [`TimerSlot`] that lives
-    /// as long as this base.
-    ///
-    /// # Panics
-    /// If two timers have the same name, or the timers were set before.
-    pub fn set_timers(&self, timers: &[Timer], callback: ffi::avr_cycle_timer_t) {
-        for (index, timer) in timers.iter().enumerate() {
-            assert!(!timers[..index].contains(timer), "two timers are called {:?}", timer.0);
-        }
-        let context = self.core.context();
-        let slots = timers.iter().map(|timer| TimerSlot { context, timer: *timer }).collect();
-        assert!(self.timers.set(Timers { slots, callback }).is_ok(), "the timers are set twice");
-    }
-
-    /// The callback of a timer and its parameter. simavr identifies a timer by both.
-    fn callback(&self, timer: Timer) -> (ffi::avr_cycle_timer_t, *mut c_void) {
-        let timers = self.timers.get();
-        let found = timers.and_then(|timers| {
-            let slot: *const TimerSlot = timers.slots.iter().find(|slot| slot.timer == timer)?;
-            Some((timers.callback, slot.cast_mut().cast()))
-        });
-        found.unwrap_or_else(|| panic!("timer {:?} is in no peripheral's list", timer.0))
-    }
-
     /// Sets the expiry time of a timer, in place of an earlier one.
     pub fn schedule(&self, timer: Timer, at: Cycles) {
-        let (callback, slot) = self.callback(timer);
-        self.core.schedule(at.saturating_sub(self.last_reset.get()), callback, slot);
+        match &self.core {
+            Core::Own(own) => own.schedule(timer, at),
+            Core::Simavr(simavr) => {
+                simavr.schedule(timer, at.saturating_sub(self.last_reset.get()))
+            }
+        }
     }
 
     /// Cancels a timer.
     pub fn unschedule(&self, timer: Timer) {
-        let (callback, slot) = self.callback(timer);
-        self.core.unschedule(callback, slot);
+        match &self.core {
+            Core::Own(own) => own.unschedule(timer),
+            Core::Simavr(simavr) => simavr.unschedule(timer),
+        }
+    }
+
+    /// Applies the level of a pin that is driven from outside. Updates PINx, and requests pin
+    /// change and external interrupts.
+    pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
+        match &self.core {
+            Core::Own(own) => own.update_pins(self, port),
+            Core::Simavr(simavr) => simavr.drive_pin(port, bit, level),
+        }
+    }
+
+    /// Applies the level that a compare unit drives on a pin, until [`Base::release_pin`]. Requests
+    /// pin change and external interrupts if the level changes.
+    pub fn hold_pin(&self, port: usize, bit: u8, level: bool) {
+        match &self.core {
+            Core::Own(own) => own.update_pins(self, port),
+            Core::Simavr(simavr) => simavr.hold_pin(port, bit, level),
+        }
+    }
+
+    /// Ends `hold_pin`. The pin keeps its level until the next write to its port.
+    pub fn release_pin(&self, port: usize, bit: u8) {
+        if let Core::Simavr(simavr) = &self.core {
+            simavr.release_pin(port, bit);
+        }
     }
 
     /// Simulated time since the start. A reset does not change it.
@@ -205,6 +221,7 @@ impl Base {
     }
 
     /// Sets simavr's clock to 0, as a reset does. Simulated time does not change.
+    #[allow(dead_code, reason = "a build may be without simavr")]
     pub fn restart_clock(&self) {
         self.last_reset.set(self.now());
         self.core.set_cycle(0);
@@ -238,49 +255,11 @@ impl Base {
         self.unmodelled.borrow().get(seen..).map(<[Unmodelled]>::to_vec).unwrap_or_default()
     }
 
-    /// Replaces simavr's write handler of a register by `handler`. [`Base::forward`] calls the
-    /// replaced one.
-    pub fn hook_write(&self, address: u16, handler: ffi::avr_io_write_t) {
-        self.originals.borrow_mut().push((address, self.core.hook_write(address, handler)));
-    }
-
-    /// Calls simavr's own write handler of a hooked register.
+    /// Calls the engine's own write handler of a register.
     pub fn forward(&self, address: u16, value: u8) {
-        let original = self
-            .originals
-            .borrow()
-            .iter()
-            .find(|(hooked, _)| *hooked == address)
-            .map(|(_, handler)| *handler);
-        if let Some(handler) = original {
-            self.core.forward_write(handler, address, value);
+        match &self.core {
+            Core::Own(own) => own.store(self, address, value),
+            Core::Simavr(simavr) => simavr.forward(address, value),
         }
-    }
-
-    /// Runs a callback. Catches a panic, which must not unwind through simavr's frames, for the run
-    /// loop.
-    pub fn guard<T>(&self, fallback: T, callback: impl FnOnce() -> T) -> T {
-        catch_unwind(AssertUnwindSafe(callback)).unwrap_or_else(|panic| {
-            self.panic.set(Some(panic));
-            self.ask_for_attention();
-            self.core.stop_soon();
-            fallback
-        })
-    }
-
-    /// Asks the run loop to handle a reset or a panic: the next [`Base::take_attention`] returns
-    /// true.
-    pub fn ask_for_attention(&self) {
-        self.attention.set(true);
-    }
-
-    /// True if a callback asked for attention since the last call. Resumes a panic that
-    /// [`Base::guard`] has caught.
-    pub fn take_attention(&self) -> bool {
-        let attention = self.attention.replace(false);
-        if attention && let Some(panic) = self.panic.take() {
-            std::panic::resume_unwind(panic);
-        }
-        attention
     }
 }

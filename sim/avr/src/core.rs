@@ -1,71 +1,27 @@
-//! A safe interface to an AVR core in simavr. No other file accesses simavr's memory.
+//! What executes the program: [`Core`] has one of two engines, and the models of the peripherals
+//! use it without knowing which.
 //!
-//! [`Core`] owns simavr's `avr_t` and has pointers to its peripherals. Its reads and writes of
-//! registers have no side effects. The models in the other files implement the side effects of the
-//! program's writes. They replace simavr's own handlers for the SPI, USART0, the EEPROM,
-//! self-programming and the timers. simavr keeps the instructions, interrupts, ports, the ADC, and
-//! the watchdog without its oscillator.
+//! An engine has the instructions, the interrupts, the ports with INT0, INT1 and pin changes, the
+//! ADC, and the watchdog without its oscillator. The two have these from different hands, so that
+//! one judges the other. Reads and writes of registers here have no side effects.
 
-use std::cell::OnceCell;
-use std::ffi::{CStr, CString, c_char, c_int, c_void};
-use std::ptr;
-use std::sync::Once;
+use std::ops::Range;
 
-use anyhow::{Result, ensure};
-use simavr_ffi as ffi;
-
-use super::regs;
+use super::own::Own;
+use super::simavr::Simavr;
+use anyhow::Result;
 use avr_chip::Chip;
-use sim_base::F_CPU_HZ;
 
-unsafe extern "C" {
-    /// simavr's: runs instructions until a cycle timer is due or an interrupt is pending; returns
-    /// the new program counter. Declared here because bindgen cannot process its header.
-    fn avr_run_one(avr: *mut ffi::avr_t) -> ffi::avr_flashaddr_t;
-    /// simavr's. Its header declares the arguments as a `va_list`, which is passed as a pointer on
-    /// every host of simavr-ffi.
-    fn avr_global_logger_set(logger: Option<Logger>);
-    /// The C library's, with a `va_list` as a pointer.
-    fn vsnprintf(
-        text: *mut c_char,
-        size: usize,
-        format: *const c_char,
-        arguments: *mut c_void,
-    ) -> c_int;
-    /// The C library's, for the memory that simavr allocates and does not free.
-    fn free(memory: *mut c_void);
-    /// The C library's.
-    fn realloc(memory: *mut c_void, size: usize) -> *mut c_void;
-}
-
-/// Callback for simavr's log messages: chip, level, format, arguments.
-type Logger = unsafe extern "C" fn(*mut ffi::avr_t, c_int, *const c_char, *mut c_void);
-
-/// Start of simavr's log messages about a read or a write beyond the RAM.
-const WRAPS: [(&[u8], Access); 2] = [
-    (b"CORE: *** Wrapping read address", Access::Read),
-    (b"CORE: *** Wrapping write address", Access::Write),
-];
-/// Text before the address in these messages.
-const ADDRESS: &str = " Address ";
-/// Size of the buffer for these messages, which are shorter.
-const LOG_BYTES: usize = 256;
-
-/// Kind of a program's access to memory.
+/// What executes a program. The default is simavr, if the build has it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Access {
-    Read,
-    Write,
+pub enum Engine {
+    /// The crate `avr-core`.
+    Own,
+    /// simavr, an independent simulator. Only with the feature `simavr`.
+    Simavr,
 }
 
-/// Bytes of flash that LPM can address.
-const LPM_BYTES: usize = 0x1_0000;
-/// Size of the opcode that simavr writes after the end of the flash.
-const OVERFLOW_OPCODE_BYTES: usize = 2;
-
-static LOGGER: Once = Once::new();
-
-/// Interrupt sources whose flags the models handle in place of simavr.
+/// Interrupt sources.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Vector {
     SpiTransferComplete,
@@ -74,8 +30,12 @@ pub(super) enum Vector {
     UsartTransmitComplete,
     EepromReady,
     SpmReady,
+    Twi,
+    Adc,
     /// INT0 or INT1, by its number.
     External(u8),
+    /// A change of a pin, by the index of the port.
+    PinChange(u8),
     /// A timer, by its number and the mask of the flag in TIFRn.
     Timer(u8, u8),
     Watchdog,
@@ -89,158 +49,105 @@ pub(super) enum Activity {
     Crashed,
 }
 
-/// simavr's own handler for a register write, and its parameter.
-pub(super) type WriteHandler = (ffi::avr_io_write_t, *mut c_void);
-
-/// Handler of requests to simavr's flash: gets the peripheral, the request, and a pointer that
-/// depends on the request. Returns -1 for unknown requests.
-pub(super) type FlashHandler = unsafe extern "C" fn(*mut ffi::avr_io_t, u32, *mut c_void) -> c_int;
-
-/// Handler of accesses beyond the RAM: gets the context, the kind of access, and the address.
-pub(super) type BeyondRamHandler = unsafe fn(*mut c_void, Access, u16);
-
-/// Target of `custom.data` in simavr's chip.
-struct Owner {
-    context: *mut c_void,
-    on_beyond_ram: BeyondRamHandler,
+/// Kind of a program's access to memory.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Access {
+    Read,
+    Write,
 }
 
-/// Request of a program that executes SPM.
-pub(super) const FLASH_SPM: u32 = u32::from_be_bytes(*b"fspm");
-/// Request of a program that executes LPM. The pointer leads to the byte that LPM reads.
-pub(super) const FLASH_LPM: u32 = u32::from_be_bytes(*b"flpm");
-
-/// A chip in simavr.
-///
-/// Invariant: `avr` and all other pointers stay valid, and are used by this thread only, until
-/// `drop`.
-pub(super) struct Core {
-    chip: Chip,
-    avr: *mut ffi::avr_t,
-    ports: [*mut ffi::avr_ioport_t; 3],
-    uart: *mut ffi::avr_uart_t,
-    spi: *mut ffi::avr_spi_t,
-    eeprom: *mut ffi::avr_eeprom_t,
-    adc: *mut ffi::avr_adc_t,
-    timers: [*mut ffi::avr_timer_t; 3],
-    watchdog: *mut ffi::avr_watchdog_t,
-    extint: *mut ffi::avr_extint_t,
-    flash: *mut ffi::avr_flash_t,
-    /// In a box, so that simavr's pointer to it stays valid.
-    owner: OnceCell<Box<Owner>>,
+/// The engine of a chip.
+pub(super) enum Core {
+    Own(Box<Own>),
+    Simavr(Box<Simavr>),
 }
+
+/// Gives the methods that every engine has to the macro `$with`.
+macro_rules! methods {
+    ($with:ident) => {
+        $with! {
+            /// The type of the chip.
+            fn chip() -> Chip;
+            /// The engine's clock in cycles.
+            fn cycle() -> u64;
+            /// Sets the engine's clock: halts the CPU if it is later than the present time.
+            fn set_cycle(cycle: u64);
+            /// One byte of the data space (registers, I/O, SRAM).
+            fn get(address: u16) -> u8;
+            /// Sets one byte of the data space.
+            fn set(address: u16, value: u8);
+            /// A range of the flash.
+            fn flash(range: Range<usize>) -> Vec<u8>;
+            /// Copies bytes into flash.
+            fn write_flash(address: usize, bytes: &[u8]);
+            /// The word of flash at a byte address, or 0 beyond the end of the flash.
+            fn word(address: u32) -> u16;
+            /// Program counter as a byte address; in the middle of an instruction, that of the
+            /// instruction.
+            fn pc() -> u32;
+            /// Sets the program counter, a byte address.
+            fn set_pc(address: u32);
+            /// Status register.
+            fn sreg() -> u8;
+            /// Sets the status register.
+            fn set_sreg(value: u8);
+            /// Sets the byte address at which the program starts after a reset.
+            fn set_reset_pc(address: u32);
+            /// True if the I flag of SREG is set.
+            fn interrupts_enabled() -> bool;
+            /// State of the core.
+            fn activity() -> Activity;
+            /// Sets the state of the core.
+            fn set_activity(activity: Activity);
+            /// Lets the run loop run one instruction only.
+            fn run_singly();
+            /// Sets an interrupt's flag, and requests it if it is enabled.
+            fn raise(vector: Vector);
+            /// Clears an interrupt's flag and its request.
+            fn clear(vector: Vector);
+            /// Removes an interrupt's request.
+            fn withdraw(vector: Vector);
+            /// Sets the length of the watchdog's next time-out in CPU cycles. A time-out that runs
+            /// does not change.
+            fn set_watchdog_cycles(cycles: u64);
+            /// Restarts the watchdog's time-out, as WDR does.
+            fn restart_watchdog();
+        }
+    };
+}
+
+/// Calls the same method of either engine.
+macro_rules! of_both {
+    ($($(#[$doc:meta])* fn $name:ident($($argument:ident: $type:ty),*) $(-> $result:ty)?;)*) => {
+        impl Core {
+            $($(#[$doc])* #[inline]
+            pub fn $name(&self $(, $argument: $type)*) $(-> $result)? {
+                match self {
+                    Core::Own(own) => own.$name($($argument),*),
+                    Core::Simavr(simavr) => simavr.$name($($argument),*),
+                }
+            })*
+        }
+    };
+}
+
+methods!(of_both);
 
 impl Core {
     /// A chip with erased flash, all supplies at 5 V.
-    pub fn new(chip: Chip) -> Result<Core> {
-        let name = CString::new(chip.name())?;
-        // Safety: `log` has the type that simavr calls, but for the pointer that stands for a
-        // `va_list`. It is set once, before there is a chip that could log.
-        LOGGER.call_once(|| unsafe { avr_global_logger_set(Some(log)) });
-        // Safety: the name is a C string; the returned chip is ours alone. simavr copies its
-        // template into fresh memory, so chips on several threads do not meet.
-        let avr = unsafe { ffi::avr_make_mcu_by_name(name.as_ptr()) };
-        ensure!(!avr.is_null(), "this simavr does not know the {chip}");
-        // Safety: `avr` was just made and has not been initialised before; its fields may be set
-        // before and after avr_init.
-        unsafe {
-            ffi::avr_init(avr);
-            (*avr).frequency = F_CPU_HZ as u32;
-            (*avr).vcc = 5000;
-            (*avr).avcc = 5000;
-            (*avr).aref = 5000;
-            // LPM reads at any 16-bit address, and simavr does not check that the flash is so
-            // large.
-            let flash = realloc((*avr).flash.cast(), LPM_BYTES).cast::<u8>();
-            ensure!(!flash.is_null(), "no memory for the flash");
-            let used = chip.flash_bytes() + OVERFLOW_OPCODE_BYTES;
-            ptr::write_bytes(flash.add(used), 0xFF, LPM_BYTES - used);
-            (*avr).flash = flash;
+    pub fn new(engine: Engine, chip: Chip) -> Result<Core> {
+        Ok(match engine {
+            Engine::Own => Core::Own(Box::new(Own::new(chip))),
+            Engine::Simavr => Core::Simavr(Box::new(Simavr::new(chip)?)),
+        })
+    }
+
+    /// The engine simavr, if the chip has it.
+    pub fn simavr(&self) -> Option<&Simavr> {
+        match self {
+            Core::Own(_) => None,
+            Core::Simavr(simavr) => Some(simavr),
         }
-        let core = Core {
-            chip,
-            avr,
-            ports: ['B', 'C', 'D'].map(|name| find(avr, c"port", name).cast()),
-            uart: find(avr, c"uart", '0').cast(),
-            spi: find(avr, c"spi", '\0').cast(),
-            eeprom: find(avr, c"eeprom", '\0').cast(),
-            adc: find(avr, c"adc", '\0').cast(),
-            timers: ['0', '1', '2'].map(|name| find(avr, c"timer", name).cast()),
-            watchdog: find(avr, c"watchdog", '\0').cast(),
-            extint: find(avr, c"extint", '\0').cast(),
-            flash: find(avr, c"flash", '\0').cast(),
-            owner: OnceCell::new(),
-        };
-        let modules: [*mut c_void; 7] = [
-            core.uart.cast(),
-            core.spi.cast(),
-            core.eeprom.cast(),
-            core.adc.cast(),
-            core.watchdog.cast(),
-            core.extint.cast(),
-            core.flash.cast(),
-        ];
-        ensure!(
-            modules.iter().all(|module| !module.is_null())
-                && core.ports.iter().all(|port| !port.is_null())
-                && core.timers.iter().all(|timer| !timer.is_null()),
-            "this simavr's {chip} lacks a peripheral"
-        );
-        Ok(core)
-    }
-
-    /// The type of the chip.
-    pub fn chip(&self) -> Chip {
-        self.chip
-    }
-
-    /// Sets the parameter of all callbacks, and the handler of accesses beyond the RAM. Call it
-    /// once, before setting hooks.
-    pub fn set_context(&self, context: *mut c_void, on_beyond_ram: BeyondRamHandler) {
-        let owner = self.owner.get_or_init(|| Box::new(Owner { context, on_beyond_ram }));
-        // Safety: see the invariant of `Core`; simavr itself does not use custom.data after
-        // avr_init.
-        unsafe { (*self.avr).custom.data = ptr::from_ref::<Owner>(owner).cast_mut().cast() }
-    }
-
-    /// The context of `set_context`; null before that call.
-    pub fn context(&self) -> *mut c_void {
-        self.owner.get().map_or(ptr::null_mut(), |owner| owner.context)
-    }
-
-    /// The context of a chip, in callbacks that get no other parameter.
-    ///
-    /// # Safety
-    /// `avr` must be the chip of a `Core` after `set_context`.
-    pub unsafe fn context_of(avr: *mut ffi::avr_t) -> *mut c_void {
-        // Safety: the caller's promise: custom.data points to the owner in the core's box.
-        unsafe { (*(*avr).custom.data.cast::<Owner>()).context }
-    }
-
-    /// Cycles since the last reset.
-    pub fn cycle(&self) -> u64 {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).cycle }
-    }
-
-    /// Sets simavr's clock. Cycle timers keep their absolute times.
-    pub fn set_cycle(&self, cycle: u64) {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).cycle = cycle }
-    }
-
-    /// One byte of the data space (registers, I/O, SRAM), without side effects.
-    pub fn get(&self, address: u16) -> u8 {
-        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
-        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
-        unsafe { *(*self.avr).data.add(address.into()) }
-    }
-
-    /// Sets one byte of the data space, without side effects.
-    pub fn set(&self, address: u16, value: u8) {
-        assert!(address <= self.chip.ram_end(), "no data at {address:#06x}");
-        // Safety: see the invariant of `Core`; data holds ram_end + 1 bytes.
-        unsafe { *(*self.avr).data.add(address.into()) = value }
     }
 
     /// Sets the bits of `mask` in a register.
@@ -253,500 +160,9 @@ impl Core {
         self.set(address, self.get(address) & !mask);
     }
 
-    /// All of flash.
-    pub fn flash(&self) -> &[u8] {
-        // Safety: see the invariant of `Core`; flash holds flash_bytes bytes and more. It
-        // changes only while instructions run, and `run_one` is reached through `&mut Avr` only,
-        // which this borrow excludes.
-        unsafe { std::slice::from_raw_parts((*self.avr).flash, self.chip.flash_bytes()) }
-    }
-
-    /// Copies bytes into flash.
-    pub fn write_flash(&self, address: usize, bytes: &[u8]) {
-        let end = self.chip.flash_bytes();
-        assert!(address + bytes.len() <= end, "flash ends at {end:#x}");
-        // Safety: see the invariant of `Core`; the range was checked, and `bytes` cannot overlap
-        // simavr's memory unless it came from `flash`, for which `copy` allows.
-        unsafe { ptr::copy(bytes.as_ptr(), (*self.avr).flash.add(address), bytes.len()) }
-    }
-
-    /// Program counter as a byte address.
-    pub fn pc(&self) -> u32 {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).pc }
-    }
-
-    /// Sets the program counter, a byte address.
-    pub fn set_pc(&self, address: u32) {
-        assert!((address as usize) < self.chip.flash_bytes(), "no flash at {address:#06x}");
-        // Safety: see the invariant of `Core`; simavr expects an even address within flash.
-        unsafe { (*self.avr).pc = address & !1 }
-    }
-
-    /// Status register.
-    pub fn sreg(&self) -> u8 {
-        // Safety: see the invariant of `Core`; sreg has eight flags of 0 or 1.
-        let flags = unsafe { (*self.avr).sreg };
-        flags.iter().enumerate().fold(0, |sreg, (bit, flag)| sreg | u8::from(*flag != 0) << bit)
-    }
-
-    /// Sets the status register. If this sets the I flag, pending interrupts run after the next
-    /// instruction, as after SEI.
-    pub fn set_sreg(&self, value: u8) {
-        let enabled_before = self.interrupts_enabled();
-        // Safety: see the invariant of `Core`. interrupt_state is what simavr's own SREG writes
-        // set: -1 for "look after the next instruction", 0 for none.
-        unsafe {
-            (*self.avr).sreg = std::array::from_fn(|bit| value >> bit & 1);
-            if !self.interrupts_enabled() {
-                (*self.avr).interrupt_state = 0;
-            } else if !enabled_before {
-                (*self.avr).interrupt_state = -1;
-            }
-        }
-    }
-
-    /// Stores a byte in an I/O register, with the side effects of a program's store.
-    pub fn store(&self, address: u16, value: u8) {
-        assert!(
-            (regs::IO_FIRST..regs::RAMSTART).contains(&address),
-            "no I/O register at {address:#06x}"
-        );
-        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
-        let slot = unsafe { (*self.avr).io[usize::from(address - regs::IO_FIRST)].w };
-        self.forward_write((slot.c, slot.param), address, value);
-    }
-
-    /// Sets the byte address at which the program starts after a reset.
-    pub fn set_reset_pc(&self, address: u32) {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).reset_pc = address }
-    }
-
-    /// True if the I flag of SREG is set.
-    pub fn interrupts_enabled(&self) -> bool {
-        // Safety: see the invariant of `Core`; sreg has eight flags, of which I is the last.
-        unsafe { (*self.avr).sreg[7] != 0 }
-    }
-
-    /// State of the core.
-    pub fn activity(&self) -> Activity {
-        // Safety: see the invariant of `Core`.
-        match unsafe { (*self.avr).state } as u32 {
-            ffi::cpu_Running => Activity::Running,
-            ffi::cpu_Sleeping => Activity::Sleeping,
-            _ => Activity::Crashed,
-        }
-    }
-
-    /// Sets the state of the core.
-    pub fn set_activity(&self, activity: Activity) {
-        let state = match activity {
-            Activity::Running => ffi::cpu_Running,
-            Activity::Sleeping => ffi::cpu_Sleeping,
-            Activity::Crashed => ffi::cpu_Crashed,
-        };
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).state = state as i32 }
-    }
-
-    /// Runs instructions up to the next cycle timer, interrupt or sleep.
-    pub fn run_one(&self) {
-        // Safety: see the invariant of `Core`. Callbacks come back through pointers to the machine
-        // that owns this core and form shared references only.
-        unsafe { (*self.avr).pc = avr_run_one(self.avr) }
-    }
-
-    /// Calls the cycle timers that are due. Returns the cycles to the next one.
-    pub fn process_timers(&self) -> u64 {
-        // Safety: as `run_one`.
-        unsafe { ffi::avr_cycle_timer_process(self.avr) }
-    }
-
-    /// Enters the handler of a pending interrupt, if any.
-    pub fn service_interrupts(&self) {
-        // Safety: as `run_one`.
-        unsafe {
-            if (*self.avr).interrupt_state != 0 {
-                ffi::avr_service_interrupts(self.avr);
-            }
-        }
-    }
-
-    /// Ends `run_one` after the present instruction.
-    pub fn stop_soon(&self) {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).run_cycle_count = 1 }
-    }
-
-    /// Resets the chip; the flags in MCUSR are kept.
-    pub fn reset(&self) {
-        // Safety: as `run_one`.
-        unsafe { ffi::avr_reset(self.avr) }
-    }
-
-    /// Lets `run_one` run to the next cycle timer. simavr's reset limits it to one instruction.
-    pub fn run_freely(&self) {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).run_cycle_limit = u64::MAX }
-    }
-
-    /// Lets `run_one` run one instruction only. [`Core::stop_soon`] alone does not: an instruction
-    /// that sets a cycle timer, such as WDR or a write to UDR0, cancels its effect.
-    pub fn run_singly(&self) {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.avr).run_cycle_limit = 1 }
-        self.stop_soon();
-    }
-
-    /// Calls `timer` with `parameter` when simavr's clock reaches `cycle`, in place of an earlier
-    /// time for the same pair. The caller keeps `parameter` alive.
-    pub fn schedule(&self, cycle: u64, timer: ffi::avr_cycle_timer_t, parameter: *mut c_void) {
-        let delay = cycle.saturating_sub(self.cycle());
-        // Safety: see the invariant of `Core`; simavr only passes the parameter on.
-        unsafe { ffi::avr_cycle_timer_register(self.avr, delay, timer, parameter) }
-    }
-
-    /// Cancels a call that `schedule` has set.
-    pub fn unschedule(&self, timer: ffi::avr_cycle_timer_t, parameter: *mut c_void) {
-        // Safety: see the invariant of `Core`.
-        unsafe { ffi::avr_cycle_timer_cancel(self.avr, timer, parameter) }
-    }
-
-    /// Sets an interrupt's flag, and requests it if it is enabled.
-    pub fn raise(&self, vector: Vector) {
-        // Safety: see the invariant of `Core`; the vector lies in a peripheral of this chip.
-        unsafe { ffi::avr_raise_interrupt(self.avr, self.vector(vector)) };
-    }
-
-    /// Clears an interrupt's flag and its request.
-    pub fn clear(&self, vector: Vector) {
-        // Safety: see the invariant of `Core`; the vector lies in a peripheral of this chip.
-        unsafe { ffi::avr_clear_interrupt(self.avr, self.vector(vector)) };
-    }
-
-    fn vector(&self, vector: Vector) -> *mut ffi::avr_int_vector_t {
-        // Safety: see the invariant of `Core`; only addresses are formed.
-        unsafe {
-            match vector {
-                Vector::SpiTransferComplete => &raw mut (*self.spi).spi,
-                Vector::UsartReceiveComplete => &raw mut (*self.uart).rxc,
-                Vector::UsartDataRegisterEmpty => &raw mut (*self.uart).udrc,
-                Vector::UsartTransmitComplete => &raw mut (*self.uart).txc,
-                Vector::EepromReady => &raw mut (*self.eeprom).ready,
-                Vector::SpmReady => &raw mut (*self.flash).flash,
-                Vector::External(n) => &raw mut (*self.extint).eint[usize::from(n)].vector,
-                Vector::Watchdog => &raw mut (*self.watchdog).watchdog,
-                Vector::Timer(n, flag) => {
-                    let timer = self.timers[usize::from(n)];
-                    match flag {
-                        0b0001 => &raw mut (*timer).overflow,
-                        0b0010 => &raw mut (*timer).comp[0].interrupt,
-                        0b0100 => &raw mut (*timer).comp[1].interrupt,
-                        _ => &raw mut (*timer).icr,
-                    }
-                }
-            }
-        }
-    }
-
-    /// Installs `handler` as a register's write handler. Returns the handler that it replaces.
-    pub fn hook_write(&self, address: u16, handler: ffi::avr_io_write_t) -> WriteHandler {
-        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
-        unsafe {
-            let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].w;
-            let original = ((*slot).c, (*slot).param);
-            (*slot).c = handler;
-            (*slot).param = self.context();
-            original
-        }
-    }
-
-    /// Installs `handler` as a register's read handler.
-    pub fn hook_read(&self, address: u16, handler: ffi::avr_io_read_t) {
-        // Safety: see the invariant of `Core`; io has an entry for each address from 0x20 on.
-        unsafe {
-            let slot = &raw mut (*self.avr).io[usize::from(address - 0x20)].r;
-            (*slot).c = handler;
-            (*slot).param = self.context();
-        }
-    }
-
-    /// Calls a handler that `hook_write` has replaced; if there was none, stores the byte.
-    pub fn forward_write(&self, handler: WriteHandler, address: u16, value: u8) {
-        match handler {
-            // Safety: simavr installed this handler with this parameter for this address of this
-            // chip.
-            (Some(function), parameter) => unsafe { function(self.avr, address, value, parameter) },
-            (None, _) => self.set(address, value),
-        }
-    }
-
-    /// Calls `reset` inside each reset, before the peripherals are reset.
-    pub fn hook_reset(&self, reset: unsafe extern "C" fn(*mut ffi::avr_t)) {
-        // Safety: see the invariant of `Core`. The handler replaced is empty for this chip.
-        unsafe { (*self.avr).reset = Some(reset) }
-    }
-
-    /// Calls `notify` with the number of each interrupt that is entered or returned from, and at
-    /// illegal instructions.
-    pub fn hook_interrupts(
-        &self,
-        running: ffi::avr_irq_notify_t,
-        bad_opcode: ffi::avr_irq_notify_t,
-    ) {
-        // Safety: see the invariant of `Core`; both IRQs exist from avr_init on.
-        unsafe {
-            let entered = &raw mut (*self.avr).interrupts.irq[ffi::AVR_INT_IRQ_RUNNING as usize];
-            ffi::avr_irq_register_notify(entered, running, self.context());
-            let bad = (*self.avr).irq.add(ffi::AVR_CORE_BAD_OPCODE as usize);
-            ffi::avr_irq_register_notify(bad, bad_opcode, self.context());
-        }
-    }
-
-    /// Calls `handler` in place of simavr's own at each SPM and LPM, with [`FLASH_SPM`] or
-    /// [`FLASH_LPM`].
-    pub fn hook_flash(&self, handler: FlashHandler) {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.flash).io.ioctl = Some(handler) }
-    }
-
-    /// Calls `trigger` at the moment at which the ADC samples its input.
-    pub fn hook_adc(&self, trigger: ffi::avr_irq_notify_t) {
-        // Safety: see the invariant of `Core`; the ADC has this IRQ.
-        unsafe {
-            let irq = (*self.adc).io.irq.add(ffi::ADC_IRQ_OUT_TRIGGER as usize);
-            ffi::avr_irq_register_notify(irq, trigger, self.context());
-        }
-    }
-
-    /// Sets the input voltage of the ADC conversion in progress, and the CPU cycles of one ADC
-    /// clock.
-    pub fn set_adc_input(&self, channel: u8, millivolts: u16, cycles_per_adc_clock: u8) {
-        // Safety: see the invariant of `Core`; the index is masked to the array's 16 entries.
-        unsafe {
-            (*self.adc).adc_values[usize::from(channel & 0xF)] = millivolts;
-            (*self.adc).current_prescale = cycles_per_adc_clock;
-        }
-    }
-
-    /// Reference voltage of the ADC conversion in progress.
-    pub fn adc_reference_millivolts(&self) -> u16 {
-        // Safety: see the invariant of `Core`; the index is masked to the array's 8 entries.
-        let reference =
-            unsafe { (*self.adc).ref_values[usize::from((*self.adc).current_refi & 7)] };
-        // Values below ADC_VREF_V110 select an external pin, which is at 5 V here. Other values are
-        // the voltage in millivolts.
-        if u32::from(reference) < ffi::ADC_VREF_V110 { 5000 } else { reference }
-    }
-
-    /// Calls `notify` when the level of a pin may have changed.
-    pub fn hook_pin(
-        &self,
-        port: usize,
-        bit: u8,
-        notify: ffi::avr_irq_notify_t,
-        parameter: *mut c_void,
-    ) {
-        assert!(bit < 8);
-        // Safety: see the invariant of `Core`; each port has an IRQ per pin. The caller keeps
-        // `parameter` alive.
-        unsafe {
-            ffi::avr_irq_register_notify(
-                (*self.ports[port]).io.irq.add(bit.into()),
-                notify,
-                parameter,
-            )
-        }
-    }
-
-    /// Sets the pins of a port that are driven from outside, and their levels.
-    pub fn set_external(&self, port: usize, mask: u8, levels: u8) {
-        // Safety: see the invariant of `Core`.
-        unsafe {
-            (*self.ports[port]).external.pull_mask = mask;
-            (*self.ports[port]).external.pull_value = levels;
-        }
-    }
-
-    /// Applies a level from outside to an input pin. This updates PINx, and requests pin change and
-    /// external interrupts.
-    pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
-        // Safety: see the invariant of `Core`; the pointer is valid.
-        unsafe { ffi::avr_raise_irq(self.pin_irq(port, bit), level.into()) }
-    }
-
-    /// Calls `notify` with 1 when a time-out of the watchdog requests its interrupt.
-    pub fn hook_watchdog(&self, notify: ffi::avr_irq_notify_t) {
-        // Safety: see the invariant of `Core`; the vector has this IRQ.
-        unsafe {
-            let irq = &raw mut (*self.watchdog).watchdog.irq[ffi::AVR_INT_IRQ_PENDING as usize];
-            ffi::avr_irq_register_notify(irq, notify, self.context());
-        }
-    }
-
-    /// Sets the length of the watchdog's next time-out in CPU cycles. A time-out that runs does not
-    /// change.
-    pub fn set_watchdog_cycles(&self, cycles: u64) {
-        // Safety: see the invariant of `Core`.
-        unsafe { (*self.watchdog).cycle_count = cycles }
-    }
-
-    /// Removes an interrupt's request from simavr's queue, which has room for 63 requests. simavr
-    /// would leave it there.
-    pub fn withdraw(&self, vector: Vector) {
-        // Safety: see the invariant of `Core`. The queue is a ring; `read` and `write` stay below
-        // its length, and simavr sets interrupt_state like this after each change of the queue.
-        unsafe {
-            let vector = self.vector(vector);
-            (*vector).set_pending(0);
-            let queue = &mut (*self.avr).interrupts.pending;
-            let length = queue.buffer.len() as u16;
-            let mut kept = queue.read;
-            let mut at = queue.read;
-            while at != queue.write {
-                let entry = queue.buffer[usize::from(at)];
-                if entry != vector {
-                    queue.buffer[usize::from(kept)] = entry;
-                    kept = (kept + 1) % length;
-                }
-                at = (at + 1) % length;
-            }
-            queue.write = kept;
-            if (*self.avr).interrupt_state > 0 {
-                (*self.avr).interrupt_state = i8::from(queue.read != queue.write);
-            }
-        }
-    }
-
-    /// Restarts the watchdog's time-out, as WDR does.
-    pub fn restart_watchdog(&self) {
-        // Safety: see the invariant of `Core`; this request takes no parameter.
-        unsafe { ffi::avr_ioctl(self.avr, u32::from_be_bytes(*b"wdtr"), ptr::null_mut()) };
-    }
-
-    /// Disconnects simavr's Timer1 from ICP1. `timers` models the input capture; simavr would store
-    /// the value of its own counter.
-    pub fn disconnect_timer1(&self) {
-        // Safety: see the invariant of `Core`; both IRQs exist. avr_unconnect_irq does nothing if
-        // they are apart.
-        unsafe {
-            let target = (*self.timers[1]).io.irq.add(ffi::TIMER_IRQ_IN_ICP as usize);
-            ffi::avr_unconnect_irq((*self.ports[0]).io.irq, target);
-        }
-    }
-
-    /// Gives a pin a level that simavr's own writes to the port do not change, until
-    /// [`Core::release_pin`]. Requests pin change and external interrupts if the level changes.
-    pub fn hold_pin(&self, port: usize, bit: u8, level: bool) {
-        self.release_pin(port, bit);
-        self.drive_pin(port, bit, level);
-        // Safety: as `release_pin`.
-        unsafe { (*self.pin_irq(port, bit)).flags |= ffi::IRQ_FLAG_STRONG as u8 }
-    }
-
-    /// Ends `hold_pin`. The pin keeps its level until the next write to its port.
-    pub fn release_pin(&self, port: usize, bit: u8) {
-        // Safety: see the invariant of `Core`; the pointer is valid.
-        unsafe { (*self.pin_irq(port, bit)).flags &= !(ffi::IRQ_FLAG_STRONG as u8) }
-    }
-
-    fn pin_irq(&self, port: usize, bit: u8) -> *mut ffi::avr_irq_t {
-        assert!(bit < 8);
-        // Safety: see the invariant of `Core`; each port has an IRQ per pin.
-        unsafe { (*self.ports[port]).io.irq.add(bit.into()) }
-    }
-
-    /// Removes simavr's own handler for SBI and CBI of the register at `address`, which is below
-    /// 0x40. They then read and write the register.
-    pub fn unhook_bit_writes(&self, address: u16) {
-        // Safety: see the invariant of `Core`; bit_io has an entry for each address from 0x20 to
-        // 0x3F, and the index is checked.
-        unsafe { (*self.avr).bit_io[usize::from(address - regs::IO_FIRST)].c = None }
-    }
-
     /// First word of the instruction at the program counter. While an instruction runs, it is that
     /// instruction.
     pub fn opcode(&self) -> u16 {
         self.word(self.pc())
     }
-
-    /// The word of flash at a byte address, or 0 beyond the end of the flash.
-    pub fn word(&self, address: u32) -> u16 {
-        let address = address as usize;
-        if address + 1 >= self.chip.flash_bytes() {
-            return 0;
-        }
-        // Safety: see the invariant of `Core`; the flash holds both bytes.
-        let bytes = [0, 1].map(|offset| unsafe { *(*self.avr).flash.add(address + offset) });
-        u16::from_le_bytes(bytes)
-    }
-}
-
-impl Drop for Core {
-    fn drop(&mut self) {
-        // Safety: see the invariant of `Core`; nothing uses the chip after this. The chip itself
-        // came from malloc.
-        unsafe {
-            (*self.avr).custom.data = ptr::null_mut();
-            ffi::avr_terminate(self.avr);
-            free(self.avr.cast());
-        }
-    }
-}
-
-/// Reports accesses beyond the RAM to the machine. simavr only prints them; its other messages are
-/// dropped.
-unsafe extern "C" fn log(
-    avr: *mut ffi::avr_t,
-    _level: c_int,
-    format: *const c_char,
-    arguments: *mut c_void,
-) {
-    if avr.is_null() || format.is_null() {
-        return;
-    }
-    // Safety: simavr passes a chip, whose custom.data is null or points to the owner in the core's
-    // box, and a C string.
-    let (owner, message) =
-        unsafe { ((*avr).custom.data.cast::<Owner>().as_ref(), CStr::from_ptr(format).to_bytes()) };
-    let Some((_, access)) = WRAPS.iter().find(|(start, _)| message.starts_with(start)) else {
-        return;
-    };
-    let Some(owner) = owner else { return };
-    let mut text = [0_u8; LOG_BYTES];
-    // Safety: the buffer has that size, and the arguments are those of the format. The C library
-    // ends the text with 0.
-    unsafe { vsnprintf(text.as_mut_ptr().cast(), LOG_BYTES, format, arguments) };
-    let text = String::from_utf8_lossy(&text);
-    let digits = text.split_once(ADDRESS).and_then(|(_, rest)| rest.get(..4));
-    if let Some(address) = digits.and_then(|digits| u16::from_str_radix(digits, 16).ok()) {
-        // Safety: `set_context` was given the handler for this context.
-        unsafe { (owner.on_beyond_ram)(owner.context, *access, address) };
-    }
-}
-
-/// The peripheral of a kind, with `name` if the kind has several; null if there is none.
-fn find(avr: *mut ffi::avr_t, kind: &CStr, name: char) -> *mut ffi::avr_io_t {
-    // Safety: the chip is initialised, so its list of modules is well formed and ends with null.
-    // Kinds are C strings. Of the kinds asked for by name, each has a struct in which the name can
-    // be read.
-    unsafe {
-        let mut module = (*avr).io_port;
-        while !module.is_null() {
-            if CStr::from_ptr((*module).kind) == kind {
-                let found = match kind.to_bytes() {
-                    b"port" => (*module.cast::<ffi::avr_ioport_t>()).name,
-                    b"uart" => (*module.cast::<ffi::avr_uart_t>()).name,
-                    b"timer" => (*module.cast::<ffi::avr_timer_t>()).name,
-                    _ => 0,
-                };
-                if found as u8 == name as u8 {
-                    return module;
-                }
-            }
-            module = (*module).next;
-        }
-    }
-    ptr::null_mut()
 }

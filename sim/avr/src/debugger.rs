@@ -120,7 +120,7 @@ impl Debugger {
         let Some(address) = self.data_address(address) else { return false };
         match address {
             regs::SREG => self.machine.base.core.set_sreg(value),
-            regs::IO_FIRST..regs::RAMSTART => self.machine.base.core.store(address, value),
+            regs::IO_FIRST..regs::RAMSTART => self.machine.store(address, value),
             _ => self.machine.base.core.set(address, value),
         }
         true
@@ -128,7 +128,9 @@ impl Debugger {
 
     /// A byte of flash; `None` if the address does not exist.
     pub fn flash(&self, address: u32) -> Option<u8> {
-        self.machine.base.core.flash().get(address as usize).copied()
+        let address = address as usize;
+        let exists = address < self.chip().flash_bytes();
+        exists.then(|| self.machine.base.core.flash(address..address + 1)[0])
     }
 
     /// A byte of EEPROM; `None` if the address does not exist.

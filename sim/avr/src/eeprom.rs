@@ -18,7 +18,7 @@ const HALF_OPERATION_CYCLES: Cycles = F_CPU_HZ * 18 / 10_000;
 const MASTER_ENABLE_CYCLES: Cycles = 4;
 
 /// Expires at the end of programming.
-pub(super) const TIMER: Timer = Timer("EEPROM");
+pub(super) const TIMER: Timer = Timer::Eeprom;
 
 #[derive(Debug, Clone, Copy)]
 struct Programming {

@@ -1,5 +1,5 @@
-//! A model of the ATmega168 and ATmega328P at 16 MHz: simavr, corrected where it differs from the
-//! datasheet.
+//! A model of the ATmega168 and ATmega328P at 16 MHz on either of two engines: the own core,
+//! `avr-core`, or simavr, corrected where it differs from the datasheet.
 //!
 //! [`Avr`] runs a program up to a given time. The board around it drives and watches pins, connects
 //! a device to the SPI, sends and receives on the serial port, and sets the ADC's inputs. Time
@@ -11,31 +11,35 @@
 //! Avr (this file)
 //! debugger               a debugger's access to the machine
 //! processor              `Avr` as the processor of a board
-//! machine                the run loop, resets, simavr's callbacks
-//! ├─ peripherals
-//! │  ├─ spi, uart, nvm   replace simavr's models (nvm: eeprom, spm)
-//! │  ├─ timers           replaces simavr's Timer0, Timer1 and Timer2
-//! │  ├─ extint           edges of INT0 and INT1 that come while masked, which simavr loses
+//! machine                the run loop of each engine, resets, simavr's callbacks
+//! ├─ peripherals, the same on both engines
+//! │  ├─ spi, uart, nvm   (nvm: eeprom, spm)
+//! │  ├─ timers           Timer0, Timer1 and Timer2
+//! │  ├─ extint           EIMSK and EIFR
 //! │  └─ watchdog         the watchdog's oscillator, with tolerance and jitter
+//! ├─ sleep               which clocks stand in a sleep, and what ends it
 //! ├─ adc, pins           voltages and levels from outside
 //! ├─ unmodelled, starts  what a program uses that is not modelled; its starts without a reset
 //! └─ debug, trace        for debuggers and profilers
 //! base                   time, timers, violations; the trait of the peripherals
-//! core                   simavr: instructions, interrupts, ports, ADC, watchdog
+//! core                   one of the engines: instructions, interrupts, ports, ADC, watchdog
+//! ├─ own                  `avr-core`, and what it lacks
+//! └─ simavr
 //! ```
 //!
-//! Limits: every sleep mode is Idle and wakes at once; CLKPR has no effect, and PRR on the timers
-//! only; IVSEL needs no IVCE. Each file names further limits.
+//! Limits: CLKPR has no effect, and PRR and sleep on the timers only; IVSEL needs no IVCE. Each
+//! file names further limits.
 //!
-//! Of the simulator's crates only this one has `unsafe` code, in `core` and `machine`. It is sound
-//! because simavr's memory lives as long as the machine, all code runs on one thread, and callbacks
-//! use shared references to the machine only.
+//! Of the simulator's crates only this one has `unsafe` code, for simavr: in `simavr` and
+//! `machine::on_simavr`. It is sound because simavr's memory lives as long as the machine, all code
+//! runs on one thread, and callbacks use shared references to the machine only.
 //!
 //! Source: Atmel 2545, "ATmega48/88/168", cited by section; the ATmega328P is the same in these
 //! sections. simavr as bundled by simavr-ffi 1.2.
 
 mod adc;
 mod base;
+#[macro_use]
 mod core;
 mod debug;
 mod debugger;
@@ -43,14 +47,19 @@ mod eeprom;
 mod extint;
 mod machine;
 mod nvm;
+mod own;
 mod pins;
 mod processor;
 pub mod regs;
+#[cfg_attr(not(feature = "simavr"), path = "absent/simavr.rs")]
+mod simavr;
+mod sleep;
 mod spi;
 mod spm;
 mod starts;
 mod timers;
 mod trace;
+mod twi;
 mod uart;
 mod unmodelled;
 mod watchdog;
@@ -62,10 +71,11 @@ use std::rc::{Rc, Weak};
 
 use anyhow::{Context, Result};
 
+pub use self::core::Engine;
 pub use avr_chip::{
     Chip, Firmware, Oc, PinDriver, PinWatcher, Processor, Pulse, PulseMeter, Reset, ResetCause,
-    SerialCharacter, SpiByte, SpiDevice, State, Symbol, Violation, WatchdogOscillator, oc2b_duty,
-    power_on_ram, value_of,
+    SerialCharacter, SpiByte, SpiDevice, State, Symbol, TwiBus, Violation, WatchdogOscillator,
+    oc2b_duty, power_on_ram, value_of,
 };
 pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};
@@ -90,7 +100,15 @@ impl Avr {
     /// # Errors
     /// If simavr does not know the chip.
     pub fn blank(chip: Chip) -> Result<Avr> {
-        let machine = Machine::new(chip)?;
+        Avr::blank_on(Engine::default(), chip)
+    }
+
+    /// [`Avr::blank`], on an engine.
+    ///
+    /// # Errors
+    /// Those of [`Avr::blank`].
+    pub fn blank_on(engine: Engine, chip: Chip) -> Result<Avr> {
+        let machine = Machine::new(engine, chip)?;
         machine.reset(ResetCause::PowerOn);
         Ok(Avr { machine, symbols: HashMap::new(), board: None })
     }
@@ -119,7 +137,15 @@ impl Avr {
     /// # Errors
     /// If the program does not fit.
     pub fn programmed(chip: Chip, firmware: &Firmware) -> Result<Avr> {
-        let mut avr = Avr::blank(chip)?;
+        Avr::programmed_on(Engine::default(), chip, firmware)
+    }
+
+    /// [`Avr::programmed`], on an engine.
+    ///
+    /// # Errors
+    /// Those of [`Avr::programmed`].
+    pub fn programmed_on(engine: Engine, chip: Chip, firmware: &Firmware) -> Result<Avr> {
+        let mut avr = Avr::blank_on(engine, chip)?;
         avr.load_further(firmware)?;
         avr.symbols.clone_from(&firmware.symbols);
         avr.board.clone_from(&firmware.board);
@@ -324,6 +350,12 @@ impl Avr {
         self.machine.peripherals.spi.set_device(device);
     }
 
+    /// Connects what is on the two-wire bus (TWI), in place of what was there. Without it nothing
+    /// acknowledges.
+    pub fn connect_twi(&mut self, bus: Box<dyn TwiBus>) {
+        self.machine.peripherals.twi.set_bus(bus);
+    }
+
     /// Removes and returns the bytes that the program sent on the serial port since the last call,
     /// each with the time of the end of its stop bit.
     pub fn serial_take(&mut self) -> Vec<(Cycles, u8)> {
@@ -440,8 +472,8 @@ impl Avr {
 
     /// The whole flash. Resets and power-off do not change it. A page that is being programmed has
     /// its old contents.
-    pub fn flash(&self) -> &[u8] {
-        self.machine.base.core.flash()
+    pub fn flash(&self) -> Vec<u8> {
+        self.machine.base.core.flash(0..self.chip().flash_bytes())
     }
 
     /// Largest size of the stack in bytes, of a program that filled SRAM from `bottom` on with

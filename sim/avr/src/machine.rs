@@ -1,18 +1,21 @@
-//! A chip: the core and the models around it, the run loop, resets, and simavr's callbacks.
+//! A chip: the engine and the models around it, and resets. `on_own` and `on_simavr` have the run
+//! loop and the calls of each engine.
 //!
 //! To add a peripheral, write its file with a type that implements [`Peripheral`], declare the file
 //! in lib.rs, and add a line to `peripherals!` below. The machine then calls the type for writes,
-//! reads, timers and resets. A peripheral that needs another callback of simavr, or another model,
-//! needs more code here.
+//! reads, timers and resets. A peripheral that needs another callback of an engine, or another
+//! model, needs more code here.
 //!
 //! No module that this file imports may import this file. If a model needs another one, it gets it
 //! as an argument, here or in `nvm`.
 //!
-//! simavr calls back in the middle of an instruction, and a callback can make simavr call back
+//! An engine calls back in the middle of an instruction, and a callback can make it call back
 //! again. So the machine is shared, and never borrowed mutably. Each model is in its own cell,
 //! which is borrowed for one step. No cell is borrowed while code outside of this crate runs.
 
-mod callbacks;
+mod on_own;
+#[cfg_attr(not(feature = "simavr"), path = "absent/on_simavr.rs")]
+mod on_simavr;
 
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
@@ -21,16 +24,18 @@ use anyhow::Result;
 
 use super::adc::Adc;
 use super::base::{Base, Peripheral, Timer};
-use super::core::Activity;
+use super::core::{Access, Core, Engine, Vector};
 use super::debug::Debug;
 use super::extint::ExternalInterrupts;
 use super::nvm::Nvm;
-use super::pins::{PORT_B, Pins};
+use super::pins::{PORT_B, PORT_D, Pins};
 use super::regs;
+use super::sleep::{self, Mode};
 use super::spi::Spi;
 use super::starts::Starts;
 use super::timers::Timers;
 use super::trace::Trace;
+use super::twi::Twi;
 use super::uart::Uart;
 use super::unmodelled;
 use super::watchdog::Watchdog;
@@ -76,10 +81,8 @@ peripherals! {
     timers: Timers,
     watchdog: RefCell<Watchdog>,
     external_interrupts: ExternalInterrupts,
+    twi: Twi,
 }
-
-/// Expires at the end of `run_until`.
-const STOP: Timer = Timer("stop");
 
 /// PINx, by port.
 const PINS: [u16; 3] = [regs::PINB, regs::PINC, regs::PIND];
@@ -87,8 +90,21 @@ const PINS: [u16; 3] = [regs::PINB, regs::PINC, regs::PIND];
 /// Bit of port B that is ICP1.
 const ICP1: u8 = 0;
 
+/// Bits of port D that are INT0 and INT1.
+const INT_PINS: [u8; 2] = [2, 3];
+
 /// End of the addresses of registers.
 const REGISTERS: usize = 0x100;
+
+/// A sleep in which clocks stand.
+#[derive(Debug, Clone, Copy)]
+struct Sleep {
+    mode: Mode,
+    /// EIFR when it began.
+    edges: u8,
+    /// When the clocks start, once something has woken the chip.
+    ends: Option<Cycles>,
+}
 
 /// A chip: the core and the models around it.
 pub(super) struct Machine {
@@ -96,10 +112,14 @@ pub(super) struct Machine {
     pub peripherals: Peripherals,
     /// Index of the peripheral that models a register, by the register's address.
     owners: [Option<usize>; REGISTERS],
-    /// Each timer, and the index of the peripheral that uses it.
-    timers: Vec<(Timer, usize)>,
+    /// The same of the peripherals that answer reads.
+    readers: [Option<usize>; REGISTERS],
+    /// True for a register that a program reads without an effect, by its address.
+    plain: [bool; REGISTERS],
+    /// Index of the peripheral that uses a timer, by the timer.
+    timers: [Option<usize>; Timer::COUNT],
     pub adc: RefCell<Adc>,
-    pub pins: Pins,
+    pub pins: Rc<Pins>,
     pub debug: Debug,
     pub trace: Trace,
     resets: RefCell<Vec<Reset>>,
@@ -108,14 +128,17 @@ pub(super) struct Machine {
     inputs_read: [Cell<u8>; 3],
     reset_cause: Cell<Option<ResetCause>>,
     power_on_noise: RefCell<Noise>,
+    /// The sleep in which clocks stand now.
+    sleep: Cell<Option<Sleep>>,
 }
 
 impl Machine {
     /// A chip before its first reset.
-    pub fn new(chip: Chip) -> Result<Rc<Machine>> {
+    pub fn new(engine: Engine, chip: Chip) -> Result<Rc<Machine>> {
         let peripherals = Peripherals::new(chip);
         let mut owners = [None; REGISTERS];
-        let mut timers = Vec::new();
+        let mut readers = [None; REGISTERS];
+        let mut timers = [None; Timer::COUNT];
         for (index, peripheral) in peripherals.iter().enumerate() {
             for address in peripheral.writes().iter().chain(peripheral.reads()) {
                 let owner = owners[usize::from(*address)].replace(index);
@@ -124,13 +147,26 @@ impl Machine {
                     "two peripherals have register {address:#04x}"
                 );
             }
-            timers.extend(peripheral.timers().iter().map(|timer| (*timer, index)));
+            for address in peripheral.reads() {
+                readers[usize::from(*address)] = Some(index);
+            }
+            for timer in peripheral.timers() {
+                let owner = timers[*timer as usize].replace(index);
+                assert!(owner.is_none(), "two peripherals have {timer:?}");
+            }
         }
-        let pins = Pins::new(peripherals.timers.overrides());
+        let plain = std::array::from_fn(|address| {
+            let special = PINS.into_iter().chain([regs::ADCL, regs::ADCH]);
+            let mut special = special.chain(unmodelled::READS.iter().copied());
+            readers[address].is_none() && special.all(|special| usize::from(special) != address)
+        });
+        let pins = Rc::new(Pins::new(peripherals.timers.overrides()));
         let machine = Rc::new(Machine {
-            base: Base::new(chip)?,
+            base: Base::new(engine, chip)?,
             peripherals,
             owners,
+            readers,
+            plain,
             timers,
             adc: RefCell::new(Adc::new()),
             pins,
@@ -141,41 +177,11 @@ impl Machine {
             inputs_read: Default::default(),
             reset_cause: Cell::new(None),
             power_on_noise: RefCell::new(Noise::new(0)),
+            sleep: Cell::new(None),
         });
-        let base = &machine.base;
-        let core = &base.core;
-        core.set_context(Rc::as_ptr(&machine).cast_mut().cast(), callbacks::on_beyond_ram);
-        let timers: Vec<Timer> =
-            machine.timers.iter().map(|(timer, _)| *timer).chain([STOP]).collect();
-        base.set_timers(&timers, Some(callbacks::on_timer));
-        core.hook_reset(callbacks::on_reset);
-        core.hook_interrupts(Some(callbacks::on_interrupt), Some(callbacks::on_bad_opcode));
-        core.hook_adc(Some(callbacks::on_adc_sample));
-        core.hook_watchdog(Some(callbacks::on_watchdog));
-        core.hook_flash(callbacks::on_flash);
-        base.hook_write(regs::MCUSR, Some(callbacks::on_write));
-        for pins in [regs::PINB, regs::PINC, regs::PIND] {
-            core.hook_read(pins, Some(callbacks::on_read));
-        }
-        for pins in [regs::PINB, regs::PIND] {
-            core.unhook_bit_writes(pins);
-        }
-        base.hook_write(regs::SREG, Some(callbacks::on_write));
-        for address in unmodelled::WRITES {
-            if machine.owner(*address).is_none() {
-                base.hook_write(*address, Some(callbacks::on_write));
-            }
-        }
-        for address in unmodelled::READS {
-            core.hook_read(*address, Some(callbacks::on_read));
-        }
-        for peripheral in machine.peripherals.iter() {
-            for address in peripheral.writes() {
-                base.hook_write(*address, Some(callbacks::on_write));
-            }
-            for address in peripheral.reads() {
-                core.hook_read(*address, Some(callbacks::on_read));
-            }
+        match &machine.base.core {
+            Core::Own(own) => own.connect_pins(Rc::clone(&machine.pins)),
+            Core::Simavr(simavr) => on_simavr::hook(&machine, simavr),
         }
         let capture = Rc::downgrade(&machine);
         let on_icp1 = Box::new(move |level, at| {
@@ -191,6 +197,9 @@ impl Machine {
     pub fn watch_pin(&self, port: usize, bit: u8, watcher: PinWatcher) {
         self.peripherals.timers.watch(&self.base, port, bit);
         self.pins.watch(&self.base, port, bit, watcher);
+        if let Core::Simavr(simavr) = &self.base.core {
+            on_simavr::watch(simavr, port, bit);
+        }
     }
 
     pub fn resets_after(&self, first: usize) -> Vec<Reset> {
@@ -218,75 +227,112 @@ impl Machine {
             }
             self.peripherals.nvm.eeprom.borrow_mut().lose_power(noise.next_u64() as u8);
         }
-        self.reset_cause.set(Some(cause));
-        self.base.core.reset();
+        match &self.base.core {
+            Core::Own(own) => {
+                own.reset();
+                self.note_reset(cause);
+            }
+            Core::Simavr(simavr) => {
+                self.reset_cause.set(Some(cause));
+                simavr.reset();
+            }
+        }
         self.after_reset();
     }
 
     /// Runs the program and the peripherals until `until`, or until a debugger halts the chip.
     pub fn run_until(&self, until: Cycles) {
-        if self.base.now() >= until {
-            return;
-        }
-        let core = &self.base.core;
-        self.base.schedule(STOP, until);
-        loop {
-            core.run_freely();
-            let cpu_waits = self.peripherals.nvm.spm.borrow().halts_cpu();
-            if self.debug.is_watching()
-                && (self.debug.is_halted() || !cpu_waits && self.debug.halts(core))
-            {
-                return;
-            }
-            if !cpu_waits && core.activity() == Activity::Running {
-                self.peripherals.nvm.spm.borrow().check_execution(&self.base);
-            }
-            let asleep_for_good =
-                core.activity() == Activity::Sleeping && !core.interrupts_enabled();
-            if core.activity() == Activity::Running && !cpu_waits {
-                if self.trace.is_on() {
-                    self.trace.before_instruction(&self.base);
-                }
-                core.run_one();
-                if core.activity() == Activity::Sleeping {
-                    self.fall_asleep();
-                }
-            }
-            let mut idle = core.process_timers();
-            if self.base.take_attention() {
-                self.after_reset();
-                if self.base.now() < until {
-                    self.base.schedule(STOP, until);
-                }
-                idle = 0;
-            } else if asleep_for_good && core.activity() == Activity::Running {
-                // simavr wakes the core for an interrupt even if the I flag is 0; the chip does
-                // not.
-                core.set_activity(Activity::Sleeping);
-            }
-            match core.activity() {
-                Activity::Running if !self.peripherals.nvm.spm.borrow().halts_cpu() => {
-                    core.service_interrupts()
-                }
-                Activity::Running | Activity::Sleeping | Activity::Crashed => {
-                    let rest = until.saturating_sub(self.base.now());
-                    core.set_cycle(core.cycle() + idle.min(rest));
-                }
-            }
-            if self.base.now() >= until {
-                return;
-            }
+        match &self.base.core {
+            Core::Own(own) => self.run_own(own, until),
+            Core::Simavr(simavr) => self.run_simavr(simavr, until),
         }
     }
 
-    /// Handles SLEEP.
-    fn fall_asleep(&self) {
+    /// Handles SLEEP. True if the chip sleeps.
+    fn falls_asleep(&self) -> bool {
         let smcr = self.base.core.get(regs::SMCR);
         if smcr & regs::SE == 0 {
             self.base.report_violation("SLEEP without SE in SMCR: the chip does not sleep");
-            self.base.core.set_activity(Activity::Running);
-        } else if let Some(text) = unmodelled::used_by_sleep(smcr) {
+            return false;
+        }
+        if let Some(text) = unmodelled::used_by_sleep(&self.base.core, smcr) {
             self.base.report_unmodelled(text);
+        }
+        true
+    }
+
+    /// Stops the clocks of a chip that sleeps, if its mode stops any. True if they stand now.
+    fn stop_clocks(&self) -> bool {
+        let Machine { base, peripherals, .. } = self;
+        let core = &base.core;
+        let Some(mode) = Mode::of(core.get(regs::SMCR)) else { return false };
+        if mode.converts && core.get(regs::ADCSRA) & (regs::ADEN | regs::ADSC) == regs::ADEN {
+            self.write(regs::ADCSRA, core.get(regs::ADCSRA) & !regs::ADIF | regs::ADSC);
+        }
+        if sleep::is_pending(core) {
+            return false;
+        }
+        peripherals.timers.fall_asleep(base, mode.stopped, base.now());
+        self.sleep.set(Some(Sleep { mode, edges: core.get(regs::EIFR), ends: None }));
+        true
+    }
+
+    /// True while the clocks stand in a sleep. Starts them when the time has come.
+    fn clocks_stand(&self) -> bool {
+        let Some(sleep) = self.sleep.get() else { return false };
+        let Machine { base, peripherals, pins, .. } = self;
+        let now = base.now();
+        for n in 0..2 {
+            let is_new = base.core.get(regs::EIFR) & !sleep.edges & 1 << n != 0;
+            if is_new && sleep::sense(&base.core, n) != 0 {
+                base.core.clear(Vector::External(n as u8));
+            }
+        }
+        let ends = match sleep.ends {
+            Some(ends) => ends,
+            None => {
+                let is_low = INT_PINS.map(|bit| !pins.level(base, PORT_D, bit));
+                if !sleep.mode.is_woken(&base.core, is_low) {
+                    return true;
+                }
+                let ends = now + sleep.mode.start_up;
+                base.schedule(Timer::Wake, ends);
+                self.sleep.set(Some(Sleep { ends: Some(ends), ..sleep }));
+                ends
+            }
+        };
+        if now < ends {
+            return true;
+        }
+        self.sleep.set(None);
+        peripherals.timers.wake(base, now);
+        false
+    }
+
+    /// Handles an access of the program beyond the RAM.
+    fn access_beyond_ram(&self, access: Access, address: u16) {
+        let verb = match access {
+            Access::Read => "reads",
+            Access::Write => "writes",
+        };
+        let chip = self.base.core.chip();
+        let end = chip.ram_end();
+        self.base.report_violation(&format!(
+            "the program {verb} {address:#06x}, but the RAM of an {chip} ends at {end:#06x}"
+        ));
+    }
+
+    /// Notes a reset, before the models handle it.
+    fn note_reset(&self, cause: ResetCause) {
+        self.resets.borrow_mut().push(Reset { at: self.base.now(), cause });
+        self.starts.reset();
+    }
+
+    /// Stores a byte in an I/O register, with the side effects of a program's store.
+    pub fn store(&self, address: u16, value: u8) {
+        match &self.base.core {
+            Core::Own(_) => self.write(address, value),
+            Core::Simavr(simavr) => simavr.store(address, value),
         }
     }
 
@@ -295,9 +341,11 @@ impl Machine {
         self.starts.jumps_after(seen)
     }
 
-    /// Corrects the state after simavr's reset: resets the models, and drives the pins from outside
-    /// again.
+    /// Corrects the state after the engine's reset: resets the models, and drives the pins from
+    /// outside again.
     fn after_reset(&self) {
+        self.sleep.set(None);
+        self.base.unschedule(Timer::Wake);
         for peripheral in self.peripherals.iter() {
             peripheral.reset(&self.base, &mut self.power_on_noise.borrow_mut());
         }
@@ -344,8 +392,12 @@ impl Machine {
         if unmodelled::READS.contains(&address) {
             self.base.report_unmodelled(unmodelled::used_by_read(address));
         }
-        self.owner(address)
-            .map_or_else(|| self.base.core.get(address), |owner| owner.read(&self.base, address))
+        let reader = self.readers[usize::from(address)];
+        match (reader.map(|index| self.peripherals.get(index)), &self.base.core) {
+            (Some(reader), _) => reader.read(&self.base, address),
+            (None, Core::Own(own)) => own.load(address),
+            (None, Core::Simavr(simavr)) => simavr.get(address),
+        }
     }
 
     /// True if a pin is high.
@@ -356,15 +408,15 @@ impl Machine {
 
     /// A byte of the data space for a look from outside, which has no side effect.
     pub fn peek(&self, address: u16) -> u8 {
-        if address < regs::RAMSTART {
+        if PINS.contains(&address) || self.peripherals.timers.reads().contains(&address) {
             self.peripherals.timers.publish(&self.base);
         }
         self.base.core.get(address)
     }
 
     fn expire(&self, timer: Timer, at: Cycles) {
-        if let Some((_, index)) = self.timers.iter().find(|(owned, _)| *owned == timer) {
-            self.peripherals.get(*index).expire(&self.base, timer, at);
+        if let Some(index) = self.timers[timer as usize] {
+            self.peripherals.get(index).expire(&self.base, timer, at);
         }
     }
 }

@@ -17,9 +17,9 @@ pub(super) struct Nvm {
 }
 
 impl Nvm {
-    /// Executes SPM for the program.
-    pub fn execute_spm(&self, base: &Base) {
-        self.spm.borrow_mut().execute(base, self.eeprom.borrow().activity());
+    /// Executes SPM for the program, with these values of Z and R1:R0.
+    pub fn execute_spm(&self, base: &Base, z: u16, word: u16) {
+        self.spm.borrow_mut().execute(base, self.eeprom.borrow().activity(), z, word);
     }
 }
 

@@ -4,10 +4,7 @@
 //! has the level that is driven from outside, else that of its pull-up, else its last one.
 
 use std::cell::{Cell, RefCell};
-use std::ffi::c_void;
 use std::rc::Rc;
-
-use simavr_ffi as ffi;
 
 use super::base::Base;
 use super::regs;
@@ -22,7 +19,7 @@ pub(super) const PORT_D: usize = 2;
 
 /// Address of PORTx; DDRx and PINx precede it.
 pub(super) fn port_register(port: usize) -> u16 {
-    regs::pin_register(PORTS[port]) + 2
+    regs::PORTB + 3 * port as u16
 }
 
 /// The levels that the timers' compare units drive on outputs, in place of PORTx.
@@ -66,8 +63,6 @@ fn set_bit(cell: &Cell<u8>, bit: u8, on: bool) {
 }
 
 struct Watch {
-    base: *const Base,
-    drive: Rc<Drive>,
     port: usize,
     bit: u8,
     level: Cell<bool>,
@@ -84,8 +79,8 @@ struct Drive {
 
 /// The pins of a chip.
 pub(super) struct Pins {
-    drive: Rc<Drive>,
-    watches: RefCell<Vec<Rc<Watch>>>,
+    drive: Drive,
+    watches: RefCell<Vec<Watch>>,
 }
 
 /// Index of a port in simavr's order.
@@ -104,8 +99,10 @@ impl Drive {
 
     /// The levels of all pins of a port.
     fn all_levels(&self, base: &Base, port: usize) -> u8 {
-        let pin_register = regs::pin_register(PORTS[port]);
-        let [pin, ddr, latch] = [0, 1, 2].map(|offset| base.core.get(pin_register + offset));
+        let latch_register = port_register(port);
+        let get = |address| base.core.get(address);
+        let (pin, ddr, latch) =
+            (get(latch_register - 2), get(latch_register - 1), get(latch_register));
         let has_pull_ups = base.core.get(regs::MCUCR) & regs::PUD == 0;
         let undriven = if has_pull_ups { latch | pin } else { pin };
         let inputs = choose(self.driven[port].get(), self.levels[port].get(), undriven);
@@ -124,7 +121,7 @@ impl Pins {
     /// The pins of a chip whose timers drive these levels.
     pub fn new(overrides: Rc<Overrides>) -> Pins {
         let drive = Drive { overrides, ..Drive::default() };
-        Pins { drive: Rc::new(drive), watches: RefCell::default() }
+        Pins { drive, watches: RefCell::default() }
     }
 
     /// The levels of a port's pins: the value of PINx.
@@ -141,23 +138,17 @@ impl Pins {
     pub fn drive(&self, base: &Base, port: usize, bit: u8, level: Option<bool>) {
         set_bit(&self.drive.driven[port], bit, level.is_some());
         set_bit(&self.drive.levels[port], bit, level == Some(true));
-        base.core.set_external(port, self.drive.driven[port].get(), self.drive.levels[port].get());
+        if let Some(simavr) = base.core.simavr() {
+            simavr.set_external(port, self.drive.driven[port].get(), self.drive.levels[port].get());
+        }
         self.apply(base, port, bit);
     }
 
     /// Calls `watcher` at each change of the pin from now on.
     pub fn watch(&self, base: &Base, port: usize, bit: u8, watcher: PinWatcher) {
         let level = Cell::new(self.level(base, port, bit));
-        let watch = Rc::new(Watch {
-            base,
-            drive: Rc::clone(&self.drive),
-            port,
-            bit,
-            level,
-            watcher: RefCell::new(Some(watcher)),
-        });
-        base.core.hook_pin(port, bit, Some(on_pin), Rc::as_ptr(&watch).cast_mut().cast());
-        self.watches.borrow_mut().push(watch);
+        let watcher = RefCell::new(Some(watcher));
+        self.watches.borrow_mut().push(Watch { port, bit, level, watcher });
     }
 
     /// Drives the pins again after a reset, which makes all pins inputs and clears the levels from
@@ -168,9 +159,15 @@ impl Pins {
                 self.apply(base, port, bit);
             }
         }
-        let watches = self.watches.borrow().clone();
-        for watch in watches {
-            watch.check(base);
+        (0..PORTS.len()).for_each(|port| self.check_watches(base, port, 0xFF));
+    }
+
+    /// Calls the watchers of pins of a port whose levels have changed, of those in `mask`.
+    pub fn check_watches(&self, base: &Base, port: usize, mask: u8) {
+        for watch in self.watches.borrow().iter() {
+            if watch.port == port && mask & 1 << watch.bit != 0 {
+                watch.check(base, &self.drive);
+            }
         }
     }
 
@@ -178,33 +175,22 @@ impl Pins {
     /// level for the output's.
     fn apply(&self, base: &Base, port: usize, bit: u8) {
         if base.core.get(regs::pin_register(PORTS[port]) + 1) & 1 << bit == 0 {
-            base.core.drive_pin(port, bit, self.level(base, port, bit));
+            base.drive_pin(port, bit, self.level(base, port, bit));
         }
     }
 }
 
 impl Watch {
     /// Calls the watcher if the level of the pin has changed.
-    fn check(&self, base: &Base) {
-        let level = self.drive.level(base, self.port, self.bit);
+    fn check(&self, base: &Base, drive: &Drive) {
+        let level = drive.level(base, self.port, self.bit);
         if self.level.replace(level) != level {
             let watcher = self.watcher.take();
             if let Some(mut watcher) = watcher {
-                let at = self.drive.overrides.edge_at.get();
+                let at = drive.overrides.edge_at.get();
                 watcher(level, at.unwrap_or_else(|| base.now()));
                 self.watcher.replace(Some(watcher));
             }
         }
     }
-}
-
-unsafe extern "C" fn on_pin(_: *mut ffi::avr_irq_t, _: u32, parameter: *mut c_void) {
-    // Safety: the parameter is a `Watch` that `Pins` keeps until the machine is dropped. Callbacks
-    // come from the core of the `Base` that the watch points to. The same machine owns that
-    // base, so it is alive and has not moved.
-    let (watch, base) = unsafe {
-        let watch = &*parameter.cast::<Watch>();
-        (watch, &*watch.base)
-    };
-    base.guard((), || watch.check(base));
 }

@@ -24,6 +24,7 @@ pub const TIFR0: u16 = 0x35;
 pub const TIFR1: u16 = 0x36;
 pub const TIFR2: u16 = 0x37;
 
+pub const PCIFR: u16 = 0x3B;
 pub const EIFR: u16 = 0x3C;
 pub const EIMSK: u16 = 0x3D;
 
@@ -48,6 +49,7 @@ pub const OCR0A: u16 = 0x47;
 pub const OCR0B: u16 = 0x48;
 
 pub const SPCR: u16 = 0x4C;
+pub const SPIE: u8 = 1 << 7;
 pub const SPE: u8 = 1 << 6;
 pub const DORD: u8 = 1 << 5;
 pub const MSTR: u8 = 1 << 4;
@@ -88,10 +90,14 @@ pub const SREG: u16 = 0x5F;
 pub const WDTCSR: u16 = 0x60;
 pub const WDIF: u8 = 1 << 7;
 pub const WDIE: u8 = 1 << 6;
+pub const WDCE: u8 = 1 << 4;
 pub const WDE: u8 = 1 << 3;
 pub const WDP: u8 = 0b10_0111;
 
 pub const PRR: u16 = 0x64;
+pub const PRTIM1: u8 = 1 << 3;
+pub const PRTIM0: u8 = 1 << 5;
+pub const PRTIM2: u8 = 1 << 6;
 pub const PCICR: u16 = 0x68;
 pub const EICRA: u16 = 0x69;
 pub const ISC1: u8 = 0b11 << 2;
@@ -101,9 +107,21 @@ pub const TIMSK0: u16 = 0x6E;
 pub const TIMSK1: u16 = 0x6F;
 pub const TIMSK2: u16 = 0x70;
 
+pub const ADCL: u16 = 0x78;
+pub const ADCH: u16 = 0x79;
 pub const ADCSRA: u16 = 0x7A;
+pub const ADEN: u8 = 1 << 7;
+pub const ADSC: u8 = 1 << 6;
+pub const ADATE: u8 = 1 << 5;
+pub const ADIF: u8 = 1 << 4;
+pub const ADIE: u8 = 1 << 3;
 pub const ADPS: u8 = 0b111;
+pub const ADCSRB: u16 = 0x7B;
+pub const ADTS: u8 = 0b111;
 pub const ADMUX: u16 = 0x7C;
+pub const ADLAR: u8 = 1 << 5;
+pub const REFS: u8 = 0b11 << 6;
+pub const MUX: u8 = 0b1111;
 
 pub const TCCR1A: u16 = 0x80;
 pub const TCCR1B: u16 = 0x81;
@@ -128,6 +146,20 @@ pub const ASSR: u16 = 0xB6;
 pub const AS2: u8 = 1 << 5;
 pub const EXCLK: u8 = 1 << 6;
 
+pub const TWBR: u16 = 0xB8;
+pub const TWSR: u16 = 0xB9;
+pub const TWPS: u8 = 0b11;
+pub const TWAR: u16 = 0xBA;
+pub const TWDR: u16 = 0xBB;
+pub const TWCR: u16 = 0xBC;
+pub const TWINT: u8 = 1 << 7;
+pub const TWEA: u8 = 1 << 6;
+pub const TWSTA: u8 = 1 << 5;
+pub const TWSTO: u8 = 1 << 4;
+pub const TWWC: u8 = 1 << 3;
+pub const TWEN: u8 = 1 << 2;
+pub const TWIE: u8 = 1 << 0;
+
 pub const UCSR0A: u16 = 0xC0;
 pub const RXC0: u8 = 1 << 7;
 pub const TXC0: u8 = 1 << 6;
@@ -137,6 +169,7 @@ pub const U2X0: u8 = 1 << 1;
 pub const MPCM0: u8 = 1 << 0;
 pub const UCSR0B: u16 = 0xC1;
 pub const RXCIE0: u8 = 1 << 7;
+pub const TXCIE0: u8 = 1 << 6;
 pub const UDRIE0: u8 = 1 << 5;
 pub const RXEN0: u8 = 1 << 4;
 pub const TXEN0: u8 = 1 << 3;

@@ -15,7 +15,7 @@ use sim_base::Cycles;
 use sim_base::Noise;
 
 /// Expires at the end of a transfer.
-const TIMER: Timer = Timer("SPI");
+const TIMER: Timer = Timer::Spi;
 
 /// Pins of port B.
 const SS: u8 = 1 << 2;

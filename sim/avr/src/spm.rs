@@ -43,14 +43,6 @@ const PAGE_WORDS: usize = PAGE_BYTES / 2;
 const SPM_WINDOW_CYCLES: Cycles = 4;
 /// > An LPM instruction within three cycles after BLBSET and SELFPRGEN are set [...] (SPMCSR)
 const LPM_WINDOW_CYCLES: Cycles = 3;
-/// Mask and value of the high byte of the opcode of OUT, which takes one cycle. The other store
-/// instructions take two.
-const OUT_OPCODE: (u8, u8) = (0b1111_1000, 0b1011_1000);
-
-const R0: u16 = 0;
-const R1: u16 = 1;
-const ZL: u16 = 30;
-const ZH: u16 = 31;
 
 /// Boot lock bits. If programmed (0), BLB01 protects the application section from SPM, and BLB11
 /// the boot section.
@@ -61,7 +53,7 @@ const BLB11: u8 = 1 << 4;
 const BOOT_LOCK_BITS: u8 = 0b0011_1100;
 
 /// Expires at the end of an erase or a write.
-pub(super) const TIMER: Timer = Timer("SPM");
+pub(super) const TIMER: Timer = Timer::Spm;
 
 /// State of the EEPROM. While it is written, the program cannot write SPMCSR, and the SPM Ready
 /// interrupt waits.
@@ -233,9 +225,7 @@ impl Spm {
             let command =
                 COMMANDS.iter().find(|(pattern, _)| *pattern == bits).map(|(_, command)| *command);
             if let Some(command) = command {
-                let opcode = core.flash().get(core.pc() as usize + 1).copied().unwrap_or_default();
-                let cycles = if opcode & OUT_OPCODE.0 == OUT_OPCODE.1 { 1 } else { 2 };
-                self.armed = Some(Armed { bits, command, since: base.now() + cycles });
+                self.armed = Some(Armed { bits, command, since: base.write_time() });
             } else {
                 base.report_violation(&format!(
                     "SPMCSR is written with {value:#04x}, which is not a command: no effect"
@@ -261,8 +251,8 @@ impl Spm {
         base.core.get(SPMCSR) & SPMIE | command | if self.rww_is_busy { RWWSB } else { 0 }
     }
 
-    /// Executes SPM for the program.
-    pub fn execute(&mut self, base: &Base, eeprom: EepromActivity) {
+    /// Executes SPM for the program, with these values of Z and R1:R0.
+    pub fn execute(&mut self, base: &Base, eeprom: EepromActivity, z: u16, word: u16) {
         let start = self.boot_start;
         if (base.core.pc() as usize) < start {
             base.report_violation(&format!(
@@ -277,12 +267,13 @@ impl Spm {
         let armed = self.armed_within(base, SPM_WINDOW_CYCLES);
         self.armed = None;
         match armed.map(|armed| armed.command) {
-            Some(Command::FillBuffer) => self.fill_buffer(base),
-            Some(Command::ErasePage) => self.start_page(base, Job::Erase),
-            Some(Command::WritePage) => self.start_page(base, Job::Write),
+            Some(Command::FillBuffer) => self.fill_buffer(base, z, word),
+            Some(Command::ErasePage) => self.start_page(base, z, Job::Erase),
+            Some(Command::WritePage) => self.start_page(base, z, Job::Write),
             Some(Command::EnableRww) => self.rww_is_busy = false,
             Some(Command::LockBits) => {
-                let new = self.lock_bits & (base.core.get(R0) | !BOOT_LOCK_BITS);
+                let [r0, _] = word.to_le_bytes();
+                let new = self.lock_bits & (r0 | !BOOT_LOCK_BITS);
                 self.start(base, Job::LockBits(new));
             }
             Some(Command::Signature) => base.report_violation("SPM with SIGRD: no effect"),
@@ -293,9 +284,9 @@ impl Spm {
         self.update(base, eeprom);
     }
 
-    /// The byte that LPM reads, if the flash has `stored` at Z.
-    pub fn load(&mut self, base: &Base, stored: u8) -> u8 {
-        let z = z(base);
+    /// The byte that LPM reads at Z, if the flash has `stored` there.
+    pub fn load(&mut self, base: &Base, z: u16, stored: u8) -> u8 {
+        let z = usize::from(z);
         match self.armed_within(base, LPM_WINDOW_CYCLES).map(|armed| armed.command) {
             Some(Command::LockBits) => {
                 self.armed = None;
@@ -368,8 +359,8 @@ impl Spm {
         self.armed.filter(|armed| base.now() < armed.since + cycles)
     }
 
-    fn fill_buffer(&mut self, base: &Base) {
-        let index = z(base) / 2 % PAGE_WORDS;
+    fn fill_buffer(&mut self, base: &Base, z: u16, word: u16) {
+        let index = usize::from(z) / 2 % PAGE_WORDS;
         // > it is not possible to write more than one time to each address without erasing the
         // > temporary buffer. ("Filling
         // > the Temporary Buffer")
@@ -378,15 +369,15 @@ impl Spm {
                 "word {index} of the page buffer is filled again: it holds the AND of both"
             ));
         }
-        self.buffer[index] &= u16::from_le_bytes([base.core.get(R0), base.core.get(R1)]);
+        self.buffer[index] &= word;
         self.filled |= 1 << index;
         // > Alternatively the RWWSB bit will automatically be cleared if a page load operation is
         // > initiated. (SPMCSR)
         self.rww_is_busy = false;
     }
 
-    fn start_page(&mut self, base: &Base, job: impl Fn(usize) -> Job) {
-        let page = z(base) % self.chip.flash_bytes() / PAGE_BYTES * PAGE_BYTES;
+    fn start_page(&mut self, base: &Base, z: u16, job: impl Fn(usize) -> Job) {
+        let page = usize::from(z) % self.chip.flash_bytes() / PAGE_BYTES * PAGE_BYTES;
         let forbidding = if page < self.boot_start { BLB01 } else { BLB11 };
         if self.lock_bits & forbidding == 0 {
             base.report_violation(&format!(
@@ -396,7 +387,7 @@ impl Spm {
         }
         let job = job(page);
         if job == Job::Write(page) {
-            let old = &base.core.flash()[page..page + PAGE_BYTES];
+            let old = base.core.flash(page..page + PAGE_BYTES);
             let fits = old.iter().zip(self.buffer_bytes()).all(|(old, new)| old & new == new);
             if !fits {
                 base.report_violation(&format!(
@@ -425,7 +416,7 @@ impl Spm {
         page: usize,
         mut choose: impl FnMut(u8, u8) -> u8,
     ) {
-        let old = &base.core.flash()[page..page + PAGE_BYTES];
+        let old = base.core.flash(page..page + PAGE_BYTES);
         let changed: Vec<u8> = old
             .iter()
             .zip(self.buffer_bytes())
@@ -441,9 +432,4 @@ impl Spm {
     fn buffer_bytes(&self) -> impl Iterator<Item = u8> {
         self.buffer.iter().flat_map(|word| word.to_le_bytes())
     }
-}
-
-/// The Z register.
-fn z(base: &Base) -> usize {
-    usize::from(u16::from_le_bytes([base.core.get(ZL), base.core.get(ZH)]))
 }

@@ -36,9 +36,9 @@ use sim_base::Cycles;
 use sim_base::Noise;
 
 /// Expire at the next event of a timer.
-const EVENTS: [Timer; 3] = [Timer("timer 0"), Timer("timer 1"), Timer("timer 2")];
+const EVENTS: [Timer; 3] = [Timer::Counter0, Timer::Counter1, Timer::Counter2];
 /// Expires when an edge on ICP1 has passed the synchroniser and the noise canceler.
-const CAPTURE: Timer = Timer("input capture");
+const CAPTURE: Timer = Timer::Capture;
 const ALL_TIMERS: [Timer; 4] = [EVENTS[0], EVENTS[1], EVENTS[2], CAPTURE];
 
 /// Delay of the synchroniser and edge detector of ICP1 (section 16.6.1 and figure 17-1).
@@ -80,6 +80,8 @@ pub(super) struct Timers {
     overrides: Rc<Overrides>,
     /// Pins with watchers, by port.
     watched: [Cell<u8>; 3],
+    /// The timers that a sleep mode has stopped, by their bits of PRR, and since when.
+    asleep: Cell<(u8, Cycles)>,
 }
 
 impl Peripheral for Timers {
@@ -88,6 +90,7 @@ impl Peripheral for Timers {
             units: LAYOUTS.each_ref().map(|layout| RefCell::new(Unit::new(layout))),
             overrides: Rc::default(),
             watched: Default::default(),
+            asleep: Default::default(),
         }
     }
 
@@ -119,6 +122,14 @@ impl Peripheral for Timers {
             }
             regs::PCMSK0 | regs::PCMSK2 | regs::EICRA => {
                 self.synchronise_pins(base);
+                if address == regs::EICRA {
+                    // > This flag is always cleared when INT0 is configured as a level interrupt.
+                    // > (section 13.2.3) simavr sets it.
+                    let sense = base.core.get(address);
+                    (0..2).filter(|n| sense >> (2 * n) & 0b11 == 0).for_each(|n| {
+                        base.core.clear(Vector::External(n));
+                    });
+                }
                 base.core.set(address, value);
                 (0..3).for_each(|n| self.schedule(base, n));
             }
@@ -161,7 +172,10 @@ impl Peripheral for Timers {
 
     fn reset(&self, base: &Base, _: &mut Noise) {
         let now = base.now();
-        base.core.disconnect_timer1();
+        self.asleep.take();
+        if let Some(simavr) = base.core.simavr() {
+            simavr.disconnect_timer1();
+        }
         for (unit, layout) in self.units.iter().zip(&LAYOUTS) {
             let mut unit = unit.borrow_mut();
             while let Some(step) = unit.counter.step(now) {
@@ -176,7 +190,7 @@ impl Peripheral for Timers {
             for (output, (port, bit)) in unit.outputs.iter_mut().zip(layout.pins) {
                 output.set_port(false, false);
                 output.record(None, now);
-                base.core.release_pin(port, bit);
+                base.release_pin(port, bit);
                 self.overrides.set(port, bit, None);
             }
         }
@@ -189,8 +203,8 @@ impl Timers {
         Rc::clone(&self.overrides)
     }
 
-    /// Brings all timers up to date for a look from outside, and writes the values of the counters
-    /// to the data space.
+    /// Brings all timers up to date for a look from outside at a register that they change, and
+    /// writes the values of the counters to the data space.
     pub fn publish(&self, base: &Base) {
         for (n, layout) in LAYOUTS.iter().enumerate() {
             self.advance(base, n, base.now());
@@ -314,10 +328,30 @@ impl Timers {
         }
     }
 
+    /// Stops timers, given by their bits of PRR, and their prescalers, until [`wake`](Self::wake).
+    pub fn fall_asleep(&self, base: &Base, stopped: u8, at: Cycles) {
+        (0..3).for_each(|n| self.advance(base, n, at));
+        self.asleep.set((stopped, at));
+        (0..3).for_each(|n| self.apply_clock(base, n, at));
+    }
+
+    /// Lets them go on.
+    pub fn wake(&self, base: &Base, at: Cycles) {
+        (0..3).for_each(|n| self.advance(base, n, at));
+        let (stopped, since) = self.asleep.take();
+        for (unit, layout) in self.units.iter().zip(&LAYOUTS) {
+            if stopped & layout.power_reduction != 0 {
+                unit.borrow_mut().prescaler_zero += at - since;
+            }
+        }
+        (0..3).for_each(|n| self.apply_clock(base, n, at));
+    }
+
     /// Gives the counter the clock that the registers select.
     fn apply_clock(&self, base: &Base, n: usize, at: Cycles) {
         let layout = &LAYOUTS[n];
-        let divider = layout.divider(&base.core);
+        let is_asleep = self.asleep.get().0 & layout.power_reduction != 0;
+        let divider = if is_asleep { 0 } else { layout.divider(&base.core) };
         let mut unit = self.units[n].borrow_mut();
         if divider != unit.counter.divider() {
             let zero = unit.prescaler_zero;

@@ -20,9 +20,9 @@ use sim_base::Cycles;
 use sim_base::Noise;
 
 /// Expires at the end of the character on TXD.
-const SEND: Timer = Timer("UART send");
+const SEND: Timer = Timer::UartSend;
 /// Expires at the end of the character on RXD.
-const RECEIVE: Timer = Timer("UART receive");
+const RECEIVE: Timer = Timer::UartReceive;
 
 /// Most received bytes that wait for the program (section 20.7.3: "two level FIFO").
 const RECEIVE_FIFO: usize = 2;

@@ -4,7 +4,8 @@
 //! on. `docs/peripherals.md` lists all of them, and also the deviations that no register shows.
 
 use super::core::Core;
-use super::regs;
+use super::regs::{self, ADATE, ADCSRB, ADSC, ADTS, MUX};
+use super::sleep::Mode;
 use sim_base::Cycles;
 
 /// A feature of the chip that the program uses and that is not modelled exactly.
@@ -22,28 +23,22 @@ const ACSR: u16 = 0x50;
 const ACD: u8 = 1 << 7;
 /// ACBG, ACIE, ACIC and ACIS1:0.
 const COMPARATOR_IN_USE: u8 = 0b0100_1111;
-const ADSC: u8 = 1 << 6;
-const ADATE: u8 = 1 << 5;
-const ADCSRB: u16 = 0x7B;
 const ACME: u8 = 1 << 6;
-const ADTS: u8 = 0b111;
-const MUX: u8 = 0b1111;
 const TEMPERATURE_SENSOR: u8 = 8;
-const TWCR: u16 = 0xBC;
-const TWEN: u8 = 1 << 2;
+/// The address in TWAR.
+const TWA: u8 = 0xFE;
 const UMSEL0: u8 = 0b11 << 6;
 /// PRADC, PRUSART0, PRSPI and PRTWI.
 const PRR_WITHOUT_TIMERS: u8 = 0b1000_0111;
-/// SM2:0 in SMCR.
-const SLEEP_MODE: u8 = 0b111 << 1;
 
 /// Registers whose writes can turn on such a feature.
+#[allow(dead_code, reason = "a build may be without simavr, which has to be told of them")]
 pub(super) const WRITES: &[u16] = &[
     CLKPR,
     ACSR,
     regs::ADCSRA,
     ADCSRB,
-    TWCR,
+    regs::TWAR,
     regs::PRR,
     regs::UCSR0B,
     regs::UCSR0C,
@@ -75,7 +70,10 @@ pub(super) fn used_by_write(core: &Core, address: u16, value: u8) -> Option<&'st
         ),
         ADCSRB if value & ACME != 0 => Some(COMPARATOR),
         ADCSRB => is_used(value & ADTS != 0 && core.get(regs::ADCSRA) & ADATE != 0, AUTO_TRIGGER),
-        TWCR => is_used(value & TWEN != 0, "the TWI (I2C): no device is on its bus"),
+        regs::TWAR => is_used(
+            value & TWA != 0 && value & TWA != TWA,
+            "the TWI (I2C) as a slave: nothing addresses it",
+        ),
         regs::PRR => is_used(
             value & PRR_WITHOUT_TIMERS != 0,
             "PRR for the ADC, USART0, the SPI or the TWI: they go on",
@@ -125,8 +123,14 @@ pub(super) fn used_by_read(_address: u16) -> &'static str {
 }
 
 /// The feature that SLEEP uses with this value of SMCR.
-pub(super) fn used_by_sleep(smcr: u8) -> Option<&'static str> {
-    (smcr & SLEEP_MODE != 0).then_some(
-        "a sleep mode other than Idle: all clocks go on, and the chip wakes without delay",
+pub(super) fn used_by_sleep(core: &Core, smcr: u8) -> Option<&'static str> {
+    let is_set = |register: u16, bit: u8| core.get(register) & bit != 0;
+    let sends = is_set(regs::UCSR0B, regs::TXEN0) && !is_set(regs::UCSR0A, regs::UDRE0);
+    let mode = Mode::of(smcr)?;
+    let is_busy = sends
+        || is_set(regs::ADCSRA, regs::ADSC) && !mode.converts
+        || is_set(regs::TWCR, regs::TWEN) && !is_set(regs::TWCR, regs::TWINT);
+    is_busy.then_some(
+        "a sleep in which clocks stand, while USART0, the ADC or the TWI is at work: it goes on",
     )
 }

@@ -24,6 +24,6 @@ pub use chip::Chip;
 pub use elf::{Firmware, Symbol, value_of};
 pub use processor::{
     Oc, PinDriver, PinWatcher, Processor, Reset, ResetCause, SerialCharacter, SpiByte, SpiDevice,
-    State, Violation,
+    State, TwiBus, Violation,
 };
 pub use pulse::{Pulse, PulseMeter};

@@ -86,11 +86,11 @@ impl Timers {
         self.overrides.set(port, bit, driven);
         match driven {
             Some(level) if before.is_none() || self.is_observed(base, port, bit) => {
-                self.overrides.with_edge_at(at, || base.core.hold_pin(port, bit, level));
+                self.overrides.with_edge_at(at, || base.hold_pin(port, bit, level));
             }
             Some(_) => {}
             None => {
-                base.core.release_pin(port, bit);
+                base.release_pin(port, bit);
                 let register = port_register(port);
                 self.overrides.with_edge_at(at, || base.forward(register, base.core.get(register)));
             }
@@ -103,7 +103,7 @@ impl Timers {
             self.advance(base, n, base.now());
             for (port, bit) in layout.pins {
                 if let Some(level) = self.overrides.level(port, bit) {
-                    base.core.hold_pin(port, bit, level);
+                    base.hold_pin(port, bit, level);
                 }
             }
         }
