@@ -3,10 +3,12 @@
 use std::collections::BTreeSet;
 
 use bounds::report::Report;
-use rig::observed::Pair;
+use rig::observed::{OF_KINDS, Pair, ROUNDS};
 
 /// A ratio of cycles above this needs a reason.
 const EXPLAINED: f64 = 1.5;
+/// The same of a turn of one kind.
+const EXPLAINED_TURN: f64 = 2.0;
 /// The same of the stack: the observed one is at least 80 % of the proved one.
 const EXPLAINED_STACK: f64 = 1.25;
 
@@ -28,13 +30,16 @@ impl Reason {
         match name.as_str() {
             "stack" => unseen_handlers(report, ran).map_or(Self::None, Self::Text),
             "turn of the main loop" => Self::Text(
-                "adds up all parts of a turn, of which the agenda chooses one by values in RAM"
-                    .into(),
+                "reads the frames that INT0 has missed, and is of the longest kind, below".into(),
             ),
+            _ if name.starts_with(OF_KINDS) => Self::Text(of_turn(name).into()),
             "handler of TIMER0_COMPB" => Self::Text(
                 "adds up the wait for the farthest edge and eight outputs without a pulse".into(),
             ),
             _ if of_one.proved < *proved => Self::Frames(of_one.proved),
+            _ if name.contains("blocked") && name.contains("__avr_device_rt_main") => Self::Text(
+                "adds up all that the chip can report in one part of a supervision".into(),
+            ),
             _ => Self::None,
         }
     }
@@ -45,10 +50,15 @@ impl Reason {
     /// If it needs one, and there is none.
     pub fn text(&self, pair: &Pair) -> String {
         let Pair { name, proved, observed } = pair;
-        let limit = if name == "stack" { EXPLAINED_STACK } else { EXPLAINED };
+        let limit = match name.as_str() {
+            "stack" => EXPLAINED_STACK,
+            name if name.starts_with(OF_KINDS) => EXPLAINED_TURN,
+            _ => EXPLAINED,
+        };
         let ratio = f64::from(*proved) / f64::from(*observed);
         match self {
             _ if ratio <= limit => String::new(),
+            _ if *observed == 0 => "not in the floods".into(),
             Self::Text(text) => text.clone(),
             Self::Frames(one) if *one < 2 * observed => format!(
                 "reads all frames that can be there, and in the floods one, whose bound with the \
@@ -57,9 +67,32 @@ impl Reason {
             Self::Frames(_) => {
                 "reads the frames that INT0 has missed, and in the floods none".into()
             }
+            Self::None if name.starts_with(ROUNDS) => {
+                "counts the rounds of the annotation; the floods have no case of so many".into()
+            }
             Self::None => panic!("{name}: a ratio of {ratio:.2} has no reason"),
         }
     }
+}
+
+/// Why the bound of turns of some kinds (avr-specs/bounds.toml) is loose. The first that fits
+/// counts.
+fn of_turn(name: &str) -> &'static str {
+    const REASONS: [(&str, &str); 8] = [
+        ("service", "compares each name to its end; in the floods most differ in the first letter"),
+        ("message", "copies as many bytes as a register can count; the length is a value in RAM"),
+        ("tick", "does all that can be due in the same millisecond"),
+        ("chore", "does the longest chore, which the floods have none of"),
+        ("poll", "reports all that the chip can report at once"),
+        ("monitor", "writes the longest number; in the floods most turns write a letter"),
+        (
+            "step",
+            "makes four bytes of a parameter; in the floods most steps make bytes that are kept",
+        ),
+        ("", "adds up parts that exclude each other by values in RAM, as the length of a frame"),
+    ];
+    let fitting = REASONS.iter().find(|(kind, _)| name.contains(kind));
+    fitting.map_or("", |(_, reason)| reason)
 }
 
 /// The handlers on top of the deepest stack that did not run.

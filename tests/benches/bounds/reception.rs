@@ -50,11 +50,12 @@ pub fn reception_rows(name: &str, elf: &[u8], seen: &[Seen]) -> String {
     let has_several = seen.iter().any(|seen| seen.has_several_outputs);
     let of =
         |is_several: bool| seen.iter().filter(move |seen| seen.has_several_outputs == is_several);
-    let one = row(&Reception::of(elf, false), name, has_several.then_some("one output"), of(false));
-    if !has_several {
-        return one;
+    let reception = Reception::of(elf);
+    let one = row(&reception, name, has_several.then_some("one output"), of(false));
+    match reception.with_several_outputs().filter(|_| has_several) {
+        None => one,
+        Some(several) => one + &row(&several, name, Some("several outputs"), of(true)),
     }
-    one + &row(&Reception::of(elf, true), name, Some("several outputs"), of(true))
 }
 
 /// A row: the margins of two buffers for each length, and of one buffer.
@@ -72,7 +73,8 @@ fn row<'a>(
     let mut row =
         format!("| {name} | {rest} | {masked} | {release} | {frame} | {proved} | {observed} |");
     let two = LENGTHS.map(|bytes| (bytes, Buffers::Two));
-    for (bytes, buffers) in two.into_iter().chain([(SHORT, Buffers::One)]) {
+    let one = reception.has_one_buffer.then_some((SHORT, Buffers::One));
+    for (bytes, buffers) in two.into_iter().chain(one) {
         let margin = reception.margin(bytes, buffers);
         let tested = limit(bytes, buffers) - i64::from(observed);
         let _ = match margin {
@@ -80,6 +82,9 @@ fn row<'a>(
             Some(cycles) => write!(row, " only tested: {tested} (proof {cycles}) |"),
             None => write!(row, " only tested: {tested} ({}) |", backlog(reception, bytes)),
         };
+    }
+    if one.is_none() {
+        row += " none |";
     }
     row + "\n"
 }
@@ -132,9 +137,11 @@ The handler of the millisecond interrupts all of these, and with several outputs
 each 100 us. *Proved* is the longest time from the end of a frame to the release of its buffer
 (frames each 1,328 cycles), *observed* the longest in the floods. The other columns have the margin
 until a frame would be lost: at the second frame behind it with two buffers, at the next one with
-one. SafetyState, ArmingStatus and ServoCommand have one buffer and 2 bytes, all other types two
-buffers: a command 5 bytes or more, a request 1 or more. `make test` fails if a proved margin of a
-node with one output is less than 10 cycles.
+one. A node with one output has one buffer for SafetyState, ArmingStatus and ServoCommand, which
+have 2 bytes, and for other messages of one frame, and two buffers for commands, 5 bytes or more,
+and requests, 1 or more. With several outputs each frame has two buffers. No frame of a transfer is
+shorter than a byte. `make test` fails if a proved margin of a node with one output is less than 10
+cycles, or with several for frames of 2 bytes or more.
 
 *Only tested*: the calculation does not prove it, and the number is the margin that the floods have
 left. In brackets is what the calculation has: the missing cycles, or why a backlog can grow.

@@ -85,6 +85,11 @@ fn flood(scenario: Scenario) -> String {
         Traffic::Safety => "SafetyState".to_owned(),
         Traffic::Lights => "LightsCommand".to_owned(),
         Traffic::OneServo => "ArrayCommand, one servo flooded".to_owned(),
+        Traffic::Foreign => "messages for others, and commands".to_owned(),
+        Traffic::LongAndShort if scenario.setup.servos > 0 => {
+            "NodeStatus and thesis.ServoCommand".to_owned()
+        }
+        Traffic::LongAndShort => "NodeStatus and ArmingStatus".to_owned(),
         Traffic::Mixed => "all of these at random".to_owned(),
     };
     if scenario.senders == 2 {

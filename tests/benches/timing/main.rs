@@ -546,9 +546,9 @@ fn main() {
     let foreign = foreign.finish();
     let _ = writeln!(
         page,
-        "\nA bus full of messages for others takes no time of the node, because the filters \
-         reject them. The {} frames that the node read in\n{} ms were the client's. The node sent \
-         {} frames, {} NodeStatus among them.",
+        "\nA bus full of messages for others takes no time of a node with one output, because the \
+         filters reject them. The {} frames that\nthe node read in {} ms were the client's. The \
+         node sent {} frames, {} NodeStatus among them.",
         foreign.meter.frames, FOREIGN_MS, foreign.own_frames, foreign.own_statuses
     );
     page.push_str(

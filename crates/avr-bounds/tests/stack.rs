@@ -1,0 +1,295 @@
+//! The stack of small programs, and programs that are refused, each with the place.
+
+use crate::support::{NO_HANDLER, SET_SP, assembled, compiled, refusal, stack, stack_with};
+
+fn program(text: &str) -> avr_bounds::program::Program {
+    assembled("stack", &format!("{SET_SP}\n{text}\n{NO_HANDLER}"))
+}
+
+#[test]
+fn the_parts_of_the_deepest_path_add_up() {
+    let program = program(
+        "sei
+         call f
+         rjmp .-2
+         .type f, @function
+         f: push r16
+         push r17
+         call g
+         pop r17
+         pop r16
+         ret
+         .type g, @function
+         g: push r2
+         pop r2
+         ret",
+    );
+    let stack = stack(&program).unwrap();
+    let parts: Vec<(&str, u32)> =
+        stack.frames.iter().map(|frame| (frame.function.as_str(), frame.bytes)).collect();
+    assert_eq!(parts, [("start", 0), ("f", 4), ("g", 3), ("int0", 2)]);
+    assert_eq!(stack.bytes, 9);
+    assert_eq!(stack.base, 0x4FF);
+}
+
+#[test]
+fn a_frame_of_local_variables_counts() {
+    let program = program(
+        "call f
+         rjmp .-2
+         .type f, @function
+         f: push r28
+         push r29
+         in r28, 0x3D
+         in r29, 0x3E
+         subi r28, 0x2C
+         sbci r29, 0x01
+         in r0, 0x3F
+         cli
+         out 0x3E, r29
+         out 0x3F, r0
+         out 0x3D, r28
+         std Y+1, r24
+         subi r28, 0xD4
+         sbci r29, 0xFE
+         in r0, 0x3F
+         cli
+         out 0x3E, r29
+         out 0x3F, r0
+         out 0x3D, r28
+         pop r29
+         pop r28
+         ret",
+    );
+    // The return address, two registers, and 300 bytes.
+    assert_eq!(stack(&program).unwrap().bytes, 2 + 2 + 300);
+}
+
+/// INT0's handler, which masks itself and lets others interrupt it. It takes a register and the
+/// return address.
+const NESTING_INT0: &str = "
+    .type int0, @function
+    int0: cbi 0x1D, 0
+    sei
+    push r24
+    pop r24
+    cli
+    sbi 0x1D, 0
+    reti";
+
+#[test]
+fn a_handler_that_masks_itself_can_nest_below_another() {
+    let program = assembled(
+        "nest",
+        &format!(
+            "{SET_SP}
+             sei
+             rjmp .-2
+             {NESTING_INT0}"
+        ),
+    );
+    // INT0 with one register, and nothing above it: the other vectors lead to the start.
+    assert_eq!(stack(&program).unwrap().bytes, 2 + 1);
+}
+
+/// INT0's handler rests on its own mask, and INT1's changes another bit of the same register.
+#[test]
+fn a_handler_may_mask_itself_beside_one_that_nests() {
+    let nesting = |of_int1: &str| {
+        assembled(
+            "beside",
+            &format!(
+                "{SET_SP}
+                 sei
+                 rjmp .-2
+                 {NESTING_INT0}
+                 .type int1, @function
+                 int1: push r24
+                 push r24
+                 {of_int1}
+                 pop r24
+                 pop r24
+                 reti"
+            ),
+        )
+    };
+    assert_eq!(stack(&nesting("cbi 0x1D, 1")).unwrap().bytes, 2 + 1 + 2 + 2);
+    for unmasks in ["sbi 0x1D, 0", "ldi r24, 3\n out 0x1D, r24", "andi r24, 0xFD\n out 0x1D, r24"] {
+        let text = refusal(stack(&nesting(unmasks)));
+        assert!(text.contains("the handler of INT1 at 0x"), "{unmasks}: {text}");
+        assert!(text.contains("may enable INT0"), "{unmasks}: {text}");
+    }
+}
+
+#[test]
+fn a_hidden_recursion_is_refused() {
+    let program = program(
+        "call f
+         rjmp .-2
+         .type f, @function
+         f: tst r24
+         breq 1f
+         dec r24
+         call g
+         1: ret
+         .type g, @function
+         g: rjmp f",
+    );
+    let text = refusal(stack(&program));
+    assert!(text.contains("recursion: f -> g -> f"), "{text}");
+}
+
+#[test]
+fn a_push_without_a_pop_on_one_path_is_refused() {
+    let program = program(
+        "call f
+         rjmp .-2
+         .type f, @function
+         f: push r16
+         tst r24
+         breq 1f
+         pop r16
+         1: ret",
+    );
+    let text = refusal(stack(&program));
+    assert!(text.contains("in f: ") && text.contains("a push without a pop"), "{text}");
+}
+
+#[test]
+fn a_handler_that_enables_interrupts_without_masking_itself_is_refused() {
+    let text = refusal(stack(&assembled(
+        "self",
+        &format!(
+            "{SET_SP}
+             sei
+             rjmp .-2
+             .type int0, @function
+             int0: sei
+             reti"
+        ),
+    )));
+    assert!(text.contains("INT0") && text.contains("can interrupt itself"), "{text}");
+}
+
+#[test]
+fn a_computed_stack_pointer_is_refused() {
+    let program = program(
+        "call f
+         rjmp .-2
+         .type f, @function
+         f: in r28, 0x3D
+         in r29, 0x3E
+         sub r28, r24
+         sbc r29, r25
+         out 0x3E, r29
+         out 0x3D, r28
+         ret",
+    );
+    let text = refusal(stack(&program));
+    assert!(text.contains("in f: SP is set to a computed value"), "{text}");
+}
+
+#[test]
+fn an_indirect_call_needs_an_annotation() {
+    let program = program(
+        "call f
+         rjmp .-2
+         .type f, @function
+         f: movw r30, r24
+         icall
+         ret
+         .type g, @function
+         g: push r2
+         pop r2
+         ret",
+    );
+    let text = refusal(stack(&program));
+    assert!(text.contains("in f: an indirect call"), "{text}");
+    let annotation = "[[indirect]]\nfunction = \"f\"\ntargets = [\"g\"]\nreason = \"a test\"";
+    assert_eq!(stack_with(&program, annotation).unwrap().bytes, 2 + 2 + 1);
+}
+
+/// Programs of avr-gcc with avr-libc.
+#[test]
+fn what_changes_sp_or_goes_to_any_address_is_refused_with_its_function() {
+    let setjmp = "#include <setjmp.h>
+        jmp_buf place; volatile char n;
+        int main(void) { for (;;) if (!setjmp(place) && n) longjmp(place, 1); }";
+    let alloca = "#include <string.h>
+        volatile unsigned char n;
+        __attribute__((noinline)) char sum(unsigned char len) {
+            char *bytes = __builtin_alloca(len); memset(bytes, 3, len); return bytes[len / 2];
+        }
+        int main(void) { for (;;) n = sum(n); }";
+    let pointer = "typedef void (*step)(void); volatile char n;
+        void one(void) { n++; } void two(void) { n--; } step volatile steps[] = { one, two };
+        __attribute__((noinline)) void run(void) { steps[n & 1](); }
+        int main(void) { for (;;) run(); }";
+    for (text, what) in [
+        (setjmp, "in setjmp: a pop without a push"),
+        (alloca, "in sum: SP is set to a computed value"),
+        (pointer, "in run: an indirect jump"),
+    ] {
+        for optimisation in ["-Os", "-O2"] {
+            let text = refusal(stack(&compiled("refused", text, optimisation)));
+            assert!(text.contains("0x") && text.contains(what), "{what}: {text}");
+        }
+    }
+}
+
+#[test]
+fn an_annotation_needs_a_reason() {
+    let annotation = "[[indirect]]\nfunction = \"f\"\ntargets = []\nreason = \" \"";
+    let text = refusal(avr_bounds::annotations::Annotations::parse(annotation));
+    assert!(text.contains("the annotation of f needs a reason"), "{text}");
+}
+
+#[test]
+fn code_that_is_no_instruction_is_refused() {
+    let text = refusal(stack(&program("nop\n .word 0xFFFF")));
+    assert!(text.contains("0xffff is no instruction of this core"), "{text}");
+}
+
+/// EEPE, which the chip clears.
+#[test]
+fn what_follows_a_wait_for_the_eeprom_counts() {
+    let program = program(
+        "sbi 0x1F, 1
+         1: sbic 0x1F, 1
+         rjmp 1b
+         call f
+         rjmp .-2
+         .type f, @function
+         f: push r16
+         pop r16
+         ret",
+    );
+    assert_eq!(stack(&program).unwrap().bytes, 2 + 1);
+}
+
+/// A switch, which avr-gcc compiles to a table of addresses, and a division of libgcc.
+#[test]
+fn the_jump_table_of_a_switch_is_followed() {
+    let program = compiled(
+        "switch",
+        "#include <stdint.h>
+         volatile uint8_t in; volatile uint32_t out, by;
+         __attribute__((noinline)) uint32_t deep(uint32_t x) { return x / by; }
+         int main(void) {
+             for (;;) switch (in) {
+                 case 0: out = 1; break;
+                 case 1: out = deep(2); break;
+                 case 2: out += 7; break;
+                 case 3: out = by; break;
+                 case 4: by = 3; break;
+                 case 5: out ^= 3; break;
+                 case 6: out = 11; break;
+                 case 7: by = 0; break;
+             }
+         }",
+        "-Os",
+    );
+    let stack = stack(&program).unwrap();
+    let names: Vec<&str> = stack.frames.iter().map(|frame| frame.function.as_str()).collect();
+    assert!(names.starts_with(&["start", "main", "deep", "__udivmodsi4"]), "{names:?}");
+}
