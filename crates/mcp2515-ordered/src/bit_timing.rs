@@ -6,6 +6,7 @@
 
 /// Contents of CNF1, CNF2 and CNF3.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct BitTiming(
     /// CNF3, CNF2 and CNF1, in the order of their addresses.
     pub(crate) [u8; 3],

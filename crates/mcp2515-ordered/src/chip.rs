@@ -1,4 +1,5 @@
-//! Access to the chip over its SPI, and the steps in which a register may be written.
+//! The instructions of the chip, a chip alone on its bus, and the steps in which a register may be
+//! written.
 //!
 //! The MCP2515 accepts bit timing, filters and masks in configuration mode only (DS20001801J 10.1).
 //! Only [`ConfigurationMode`] can write these registers, and it exists only in the [`Step`]s
@@ -32,13 +33,13 @@ impl Step {
     pub const ENTERING: Self = Self(Self::CONFIGURING.0 + CANINTE + 1);
     /// Check for normal mode for the last time.
     pub const LAST_CHECK: Self = Self(Self::ENTERING.0 + NORMAL_MODE_CHECKS);
+    /// The chip listens to a bus of another bit rate, and sends nothing.
+    pub const LISTENING: Self = Self(0x7F);
     /// The chip is on the bus. From this step on the chip runs.
     pub const RUNNING: Self = Self(0x80);
-    /// The chip is on the bus and aborts all frames that wait.
-    pub const ABORTING: Self = Self(0x81);
 
     pub fn is_running(self) -> bool {
-        self >= Self::RUNNING
+        self == Self::RUNNING
     }
 
     /// The step after this one.
@@ -48,12 +49,12 @@ impl Step {
 }
 
 /// Access to the chip between a reset and normal mode.
-pub struct ConfigurationMode<'c, SPI, CS> {
-    chip: &'c mut Chip<SPI, CS>,
+pub struct ConfigurationMode<'c, C> {
+    chip: &'c mut C,
     step: Step,
 }
 
-impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
+impl<C: Instructions> ConfigurationMode<'_, C> {
     /// Returns the register to write in this step: of a filter or a mask, CNF1 to CNF3, or CANINTE.
     /// `None` if all are written.
     pub fn register(&self) -> Option<u8> {
@@ -62,7 +63,7 @@ impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
 
     /// Writes the register and reads it back. Returns true if it holds the value.
     pub fn write(&mut self, register: u8, value: u8) -> bool {
-        self.chip.access(instruction::WRITE, register, value);
+        self.chip.write(register, value);
         self.chip.read(register) == value
     }
 
@@ -72,36 +73,91 @@ impl<SPI: SpiBus, CS: OutputPin> ConfigurationMode<'_, SPI, CS> {
         (register == 0x0B || register == 0x1B).then_some(Step(self.step.0 + 5))
     }
 
-    /// Requests the mode in `canctrl`. Sets RXB0 to use its filters, and to roll a frame over to
-    /// RXB1 if RXB0 is full.
-    pub fn leave(self, canctrl: u8) {
-        self.chip.access(instruction::WRITE, RXB0CTRL, BUKT);
-        self.chip.write_canctrl(canctrl);
+    /// Sets RXB0 to use its filters, and to roll a frame over to RXB1 if RXB0 is full. Then the
+    /// chip may leave the mode.
+    pub fn finish(self) {
+        self.chip.write(RXB0CTRL, BUKT);
     }
 }
 
-/// The chip, on its SPI and with its CS pin.
-pub struct Chip<SPI, CS> {
-    spi: SPI,
-    cs: CS,
-}
+/// The instructions of the chip. [`Exclusive`](crate::Exclusive) sends them on a bus of the chip's
+/// own, and [`Shared`](crate::Shared) on a bus with other devices. No other type can implement the
+/// trait.
+pub trait Instructions: Sized {
+    /// Sends RESET.
+    fn reset(&mut self);
 
-impl<SPI, CS> Chip<SPI, CS> {
-    pub const fn new(spi: SPI, cs: CS) -> Self {
-        Self { spi, cs }
-    }
-}
+    /// Sends READ STATUS and returns the answer.
+    fn status(&mut self) -> u8;
 
-impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
+    /// Reads one register.
+    fn read(&mut self, register: u8) -> u8;
+
+    /// Writes one register.
+    fn write(&mut self, register: u8, value: u8);
+
+    /// Begins a READ of at most eight registers. [`read_next`](Self::read_next) returns each of
+    /// them, and [`end_read`](Self::end_read) ends the READ.
+    fn begin_read(&mut self, register: u8);
+
+    /// Returns the next register of a READ.
+    fn read_next(&mut self) -> u8;
+
+    /// Ends a READ.
+    fn end_read(&mut self);
+
+    /// Reads a receive buffer with READ RX BUFFER. Stores SIDH, SIDL, EID8 and EID0 in place of the
+    /// identifier. Returns RXBnDLC.
+    fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8;
+
+    /// Writes a transmit buffer, and sends RTS for it.
+    fn send_frame(&mut self, rank: Rank, frame: &Frame);
+
+    /// Writes the priority, identifier and length of a transmit buffer, and ends the instruction.
+    fn write_identifier(&mut self, rank: Rank, frame: &Frame);
+
+    /// Writes the data of a transmit buffer with LOAD TX BUFFER, and sends RTS for it.
+    fn write_data_and_send(&mut self, rank: Rank, frame: &Frame);
+
+    /// Writes a transmit buffer with SIDH, SIDL, EID8 and EID0, which are in place of the
+    /// identifier, and DLC. Sends RTS for it.
+    fn send_raw(&mut self, rank: Rank, frame: &Frame, dlc: u8);
+
+    /// Writes CANCTRL.
+    fn write_canctrl(&mut self, value: u8);
+
+    /// Clears RX0OVR and RX1OVR. The other bits of EFLG are read-only.
+    fn clear_overflow(&mut self);
+
+    /// Clears ERRIF and the three TXnIF, and leaves the other flags of CANINTF alone.
+    fn clear_interrupts(&mut self);
+
+    /// Returns the flags of CANINTF, and clears these, but none that was set meanwhile.
+    fn take_interrupts(&mut self) -> u8;
+
     /// Returns access to configuration mode, if the chip is in it at `step`.
-    pub fn configuration_mode(&mut self, step: Step) -> Option<ConfigurationMode<'_, SPI, CS>> {
+    fn configuration_mode(&mut self, step: Step) -> Option<ConfigurationMode<'_, Self>> {
         (Step::CONFIGURING..=Step::ENTERING)
             .contains(&step)
             .then_some(ConfigurationMode { chip: self, step })
     }
+}
 
+/// A chip on an SPI bus of its own, and its CS pin. It reads only the bytes that a frame has.
+pub struct Exclusive<SPI, CS> {
+    spi: SPI,
+    cs: CS,
+}
+
+impl<SPI, CS> Exclusive<SPI, CS> {
+    pub(crate) const fn new(spi: SPI, cs: CS) -> Self {
+        Self { spi, cs }
+    }
+}
+
+impl<SPI: SpiBus, CS: OutputPin> Exclusive<SPI, CS> {
     /// Sends RESET.
-    pub fn reset(&mut self) {
+    fn reset(&mut self) {
         self.select();
         self.exchange(instruction::RESET);
         self.deselect();
@@ -109,7 +165,7 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
 
     /// Sends READ STATUS and returns the answer.
     #[inline(never)]
-    pub fn status(&mut self) -> u8 {
+    fn status(&mut self) -> u8 {
         self.select();
         self.exchange_inline(instruction::READ_STATUS);
         let status = self.exchange_inline(0);
@@ -118,48 +174,57 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     }
 
     /// Reads one register.
-    pub fn read(&mut self, register: u8) -> u8 {
+    fn read(&mut self, register: u8) -> u8 {
         self.access(instruction::READ, register, 0)
     }
 
-    /// Begins a READ of several registers. [`next`](Self::next) reads them, and
+    /// Begins a READ of several registers. [`read_next`](Self::read_next) reads them, and
     /// [`deselect`](Self::deselect) ends the READ.
-    pub fn begin_read(&mut self, register: u8) {
+    fn begin_read(&mut self, register: u8) {
         self.begin(instruction::READ, register);
     }
 
     /// Reads the next register of a READ.
     #[inline(never)]
-    pub fn next(&mut self) -> u8 {
+    fn read_next(&mut self) -> u8 {
         self.exchange(0)
     }
 
     /// Writes CANCTRL.
-    pub fn write_canctrl(&mut self, value: u8) {
+    fn write_canctrl(&mut self, value: u8) {
         self.access(instruction::WRITE, CANCTRL, value);
     }
 
     /// Clears RX0OVR and RX1OVR. The other bits of EFLG are read-only.
-    pub fn clear_overflow(&mut self) {
+    fn clear_overflow(&mut self) {
         self.access(instruction::WRITE, EFLG, 0);
     }
 
-    /// Clears ERRIF, and leaves the other flags of CANINTF alone.
-    pub fn clear_error_interrupt(&mut self) {
+    /// Clears ERRIF and the three TXnIF, and leaves the other flags of CANINTF alone.
+    fn clear_interrupts(&mut self) {
+        self.clear(ERRIF | TXIF);
+    }
+
+    /// Returns the flags of CANINTF, and clears these, but none that was set meanwhile.
+    fn take_interrupts(&mut self) -> u8 {
+        let flags = self.read(CANINTF);
+        self.clear(flags);
+        flags
+    }
+
+    /// Clears flags of CANINTF.
+    fn clear(&mut self, flags: u8) {
         self.begin(instruction::BIT_MODIFY, CANINTF);
-        self.exchange(ERRIF);
+        self.exchange(flags);
         self.exchange(0);
         self.deselect();
     }
 
     /// Reads a receive buffer with READ RX BUFFER. Stores SIDH, SIDL, EID8 and EID0 in place of the
     /// identifier. Returns RXBnDLC.
-    pub fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
+    fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
         self.select();
-        // The instruction is 0x90 for RXB0 and 0x94 for RXB1.
-        self.exchange_inline(
-            instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1,
-        );
+        self.exchange_inline(read_rx_buffer(buffer));
         _ = self.spi.read(&mut frame.id);
         let dlc = self.exchange_inline(0);
         frame.len = (dlc & DLC).min(Frame::MAX_LEN as u8);
@@ -171,29 +236,26 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     }
 
     /// Writes a transmit buffer, and sends RTS for it.
-    pub fn send_frame(&mut self, rank: Rank, frame: &Frame) {
+    fn send_frame(&mut self, rank: Rank, frame: &Frame) {
         self.begin_frame(rank, frame);
         self.end_frame(rank, frame);
     }
 
     /// Writes the priority, identifier and length of a transmit buffer, and ends the instruction.
-    pub fn write_identifier(&mut self, rank: Rank, frame: &Frame) {
+    fn write_identifier(&mut self, rank: Rank, frame: &Frame) {
         self.begin_frame(rank, frame);
         self.deselect();
     }
 
     /// Writes the data of a transmit buffer with LOAD TX BUFFER, and sends RTS for it.
-    pub fn write_data_and_send(&mut self, rank: Rank, frame: &Frame) {
+    fn write_data_and_send(&mut self, rank: Rank, frame: &Frame) {
         self.select();
-        // The instruction is 0x41, 0x43 and 0x45 for the data of TXB0, TXB1 and TXB2.
-        self.exchange(instruction::LOAD_TX_DATA | rank.buffer() & 6);
+        self.exchange(load_tx_data(rank));
         self.end_frame(rank, frame);
     }
 
     fn begin_frame(&mut self, rank: Rank, frame: &Frame) {
-        // TXB0, TXB1 and TXB2 are at 0x30, 0x40 and 0x50. The register before the identifier holds
-        // the priority.
-        self.begin(instruction::WRITE, TXB0CTRL + ((rank.buffer() & 6) << 3));
+        self.begin(instruction::WRITE, tx_buffer(rank));
         self.exchange(rank.priority());
         let [b3, b2, ..] = frame.id;
         self.exchange(sidh(b3, b2));
@@ -234,7 +296,7 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
     }
 
     /// Ends an instruction, after the SPI has sent all of it.
-    pub fn deselect(&mut self) {
+    fn deselect(&mut self) {
         _ = self.spi.flush();
         _ = self.cs.set_high();
     }
@@ -251,4 +313,109 @@ impl<SPI: SpiBus, CS: OutputPin> Chip<SPI, CS> {
         _ = self.spi.transfer_in_place(&mut bytes);
         bytes[0]
     }
+}
+
+/// Each method calls the one of the same name above.
+impl<SPI: SpiBus, CS: OutputPin> Instructions for Exclusive<SPI, CS> {
+    #[inline(always)]
+    fn reset(&mut self) {
+        Self::reset(self);
+    }
+
+    #[inline(always)]
+    fn status(&mut self) -> u8 {
+        Self::status(self)
+    }
+
+    #[inline(always)]
+    fn read(&mut self, register: u8) -> u8 {
+        Self::read(self, register)
+    }
+
+    #[inline(always)]
+    fn write(&mut self, register: u8, value: u8) {
+        self.access(instruction::WRITE, register, value);
+    }
+
+    #[inline(always)]
+    fn begin_read(&mut self, register: u8) {
+        Self::begin_read(self, register);
+    }
+
+    #[inline(always)]
+    fn read_next(&mut self) -> u8 {
+        Self::read_next(self)
+    }
+
+    #[inline(always)]
+    fn end_read(&mut self) {
+        self.deselect();
+    }
+
+    #[inline(always)]
+    fn write_canctrl(&mut self, value: u8) {
+        Self::write_canctrl(self, value);
+    }
+
+    #[inline(always)]
+    fn clear_overflow(&mut self) {
+        Self::clear_overflow(self);
+    }
+
+    #[inline(always)]
+    fn clear_interrupts(&mut self) {
+        Self::clear_interrupts(self);
+    }
+
+    #[inline(always)]
+    fn take_interrupts(&mut self) -> u8 {
+        Self::take_interrupts(self)
+    }
+
+    #[inline(always)]
+    fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
+        Self::read_frame(self, buffer, frame)
+    }
+
+    #[inline(always)]
+    fn send_frame(&mut self, rank: Rank, frame: &Frame) {
+        Self::send_frame(self, rank, frame);
+    }
+
+    #[inline(always)]
+    fn write_identifier(&mut self, rank: Rank, frame: &Frame) {
+        Self::write_identifier(self, rank, frame);
+    }
+
+    #[inline(always)]
+    fn write_data_and_send(&mut self, rank: Rank, frame: &Frame) {
+        Self::write_data_and_send(self, rank, frame);
+    }
+
+    fn send_raw(&mut self, rank: Rank, frame: &Frame, dlc: u8) {
+        self.begin(instruction::WRITE, tx_buffer(rank));
+        self.exchange(rank.priority());
+        _ = self.spi.write(&frame.id);
+        self.exchange(dlc);
+        self.end_frame(rank, frame);
+    }
+}
+
+/// The address of a transmit buffer: 0x30, 0x40, 0x50 for TXB0, TXB1, TXB2. The register there
+/// holds the priority, and the identifier follows.
+#[inline(always)]
+pub fn tx_buffer(rank: Rank) -> u8 {
+    TXB0CTRL + ((rank.buffer() & 6) << 3)
+}
+
+/// READ RX BUFFER: 0x90 for RXB0 and 0x94 for RXB1.
+#[inline(always)]
+pub fn read_rx_buffer(buffer: Buffer) -> u8 {
+    instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1
+}
+
+/// LOAD TX BUFFER for the data: 0x41, 0x43 and 0x45 for TXB0, TXB1 and TXB2.
+#[inline(always)]
+pub fn load_tx_data(rank: Rank) -> u8 {
+    instruction::LOAD_TX_DATA | rank.buffer() & 6
 }

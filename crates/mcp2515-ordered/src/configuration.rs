@@ -2,10 +2,11 @@
 
 use crate::bit_timing::BitTiming;
 use crate::filters::Acceptance;
-use crate::registers::{OSM, RX0IE, RX1IE};
+use crate::registers::{MODE_LISTEN_ONLY, MODE_LOOPBACK, OSM, RX0IE, RX1IE};
 
-/// How often the chip tries to send a frame.
+/// How often the chip tries to send a frame, and so its mode (DS20001801J 10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum Attempts {
     /// Until a node acknowledges the frame, or the driver gives it up after
@@ -15,11 +16,19 @@ pub enum Attempts {
     /// send with the same identifier: if the nodes repeated them, the frames would collide for
     /// ever.
     Once = OSM,
+    /// Never: in listen-only mode the chip sends neither frames nor error frames, and acknowledges
+    /// nothing. It also receives frames with errors (10.3). A frame that is passed to it stays in
+    /// it until [`configure`](crate::Driver::configure) or
+    /// [`reconfigure`](crate::Driver::reconfigure) removes it.
+    Never = MODE_LISTEN_ONLY,
+    /// In loopback mode the chip receives each frame that it sends, if its filters accept it, and
+    /// neither sends to the bus nor receives from it. For tests without a bus.
+    ToItself = MODE_LOOPBACK,
 }
 
-/// The settings that can change only while the chip is off the bus. [`new`](crate::Mcp2515::new)
-/// and [`configure`](crate::Mcp2515::configure) take a configuration, and
-/// [`reconfigure`](crate::Mcp2515::reconfigure) changes it. Each of them restarts the chip.
+/// The settings that can change only while the chip is off the bus. [`new`](crate::Driver::new)
+/// and [`configure`](crate::Driver::configure) take a configuration, and
+/// [`reconfigure`](crate::Driver::reconfigure) changes it. Each of them restarts the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Configuration<A> {
     /// The bit rate and the sample point.
@@ -28,13 +37,6 @@ pub struct Configuration<A> {
     pub acceptance: A,
     /// How often the chip tries to send a frame.
     pub attempts: Attempts,
-}
-
-impl<A> Configuration<A> {
-    /// The value of CANCTRL on the bus: normal mode, and OSM in one-shot mode.
-    pub(crate) fn canctrl(&self) -> u8 {
-        self.attempts as u8
-    }
 }
 
 impl<A: Acceptance> Configuration<A> {

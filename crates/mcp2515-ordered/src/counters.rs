@@ -2,6 +2,7 @@
 
 /// A counter. The value is the index of its first word in [`Counters`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum Counter {
     /// Frames passed to the chip. 32 bits.
@@ -10,8 +11,8 @@ pub enum Counter {
     /// supervision or the next frame. It counts none in one-shot mode, where the chip clears
     /// TXREQ after a failure, too. A frame in the chip during a restart is not counted at all.
     TxSuccess = 4,
-    /// Frames given up after [`TX_TIMEOUT_MS`](crate::TX_TIMEOUT_MS). Includes a frame that the
-    /// chip sent at the moment of the abort.
+    /// Frames given up after [`TX_TIMEOUT_MS`](crate::TX_TIMEOUT_MS), and frames that were tried
+    /// once on a bus of unknown bit rate. Includes a frame that the chip sent at that moment.
     TxTimedOut = 5,
     /// Frames read from the chip, including standard and remote frames. 32 bits.
     RxReceived = 7,

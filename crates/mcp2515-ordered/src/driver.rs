@@ -1,16 +1,19 @@
 //! The driver: start-up, supervision, and received and sent frames.
 
 use embedded_hal::digital::{InputPin, OutputPin};
-use embedded_hal::spi::SpiBus;
+use embedded_hal::spi::{SpiBus, SpiDevice};
 
-use crate::chip::{Chip, Step};
+use crate::any_frame::AnyFrame;
+use crate::chip::{Exclusive, Instructions, Step};
 use crate::configuration::{Attempts, Configuration};
 use crate::counters::{Counter, Counters};
 use crate::filters::Acceptance;
 use crate::frame::Frame;
 use crate::registers::*;
 use crate::rx_order::{Buffer, RxOrder};
+use crate::shared::Shared;
 use crate::tx_order::{Rank, TxOrder};
+use crate::with_clock::WithClock;
 
 /// Time between two supervisions of a running chip, in milliseconds.
 pub const SUPERVISION_MS: u8 = 10;
@@ -31,11 +34,43 @@ pub const TX_TIMEOUT_MS: u16 = 1000;
 /// are necessary.
 const START_UP_MS: u8 = 2;
 
-/// Number of supervisions until the driver gives up the frames that wait.
-const TX_TIMEOUT_CHECKS: u8 = (TX_TIMEOUT_MS / SUPERVISION_MS as u16) as u8;
+/// Number of supervisions until the driver gives up the frames that wait. The first may come as
+/// soon as they wait.
+const TX_TIMEOUT_CHECKS: u8 = (TX_TIMEOUT_MS / SUPERVISION_MS as u16) as u8 + 1;
 
-/// A report of [`Mcp2515::poll`].
+/// Number of supervisions without a frame that passed after which nobody acknowledges those of an
+/// error-passive chip: if they were destroyed, it would be bus-off. The cable may be plugged in
+/// elsewhere next.
+const PASSIVE_CHECKS: u8 = 4;
+
+/// The first of the last four supervisions of each [`TX_TIMEOUT_MS`]: from it on a chip gets frames
+/// although one failed and the bit rate of the bus is unknown.
+const FIRST_TRIAL_CHECK: u8 = TX_TIMEOUT_CHECKS - 4;
+
+/// The unit of the time for which a chip hears nothing, in milliseconds.
+const LISTENING_MS: u8 = 255;
+
+/// The silence after which a chip that listens is put on the bus again: 1 s. Each node of DroneCAN
+/// sends once a second.
+const SILENCE: u8 = (1020 / LISTENING_MS as u16) as u8;
+
+/// What the driver knows of the bit rate of the bus. The value is that of CANCTRL.
+#[derive(Clone, Copy, PartialEq, Eq)]
+#[repr(u8)]
+enum BusRate {
+    /// It is that of the chip: a frame has passed.
+    Same = MODE_NORMAL,
+    /// No frame has passed since the start, since the chip was error-passive or bus-off, or for
+    /// [`TX_TIMEOUT_MS`]. The chip tries each frame once, and the driver looks at its errors in
+    /// every second turn. After a failed frame the next ones wait: see [`FIRST_TRIAL_CHECK`].
+    Unknown = MODE_NORMAL | OSM,
+    /// It is another one. The chip only listens.
+    Another = MODE_LISTEN_ONLY,
+}
+
+/// A report of [`Driver::poll`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Notice {
     /// The event.
     pub event: Event,
@@ -45,6 +80,7 @@ pub struct Notice {
 
 /// An event of the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(u8)]
 pub enum Event {
     /// The chip is configured and on the bus. The value is CANSTAT.
@@ -56,9 +92,16 @@ pub enum Event {
     NotKeeping,
     /// The chip did not enter normal mode, because the bus is stuck dominant. The value is CANSTAT.
     NotStarting,
-    /// The chip lost its configuration while running, or INT is stuck. The value is zero.
+    /// The chip lost its configuration while running. The value is zero.
     Lost,
-    /// The driver gave up frames that waited for [`TX_TIMEOUT_MS`]. The value is zero.
+    /// INT does not follow the chip: it is stuck, or not wired. Until the chip is restarted the
+    /// driver asks it for frames: see [`Driver::is_int_wrong`]. The value is zero.
+    IntWrong,
+    /// The bus has another bit rate, or each of its frames is disturbed. The chip listens only, and
+    /// comes back by itself: [`Running`](Self::Running) follows. The value is zero.
+    AnotherRate,
+    /// The driver gave up frames that waited for [`TX_TIMEOUT_MS`], or no frame has passed for that
+    /// time. The chip tries each waiting frame once more. The value is zero.
     GaveUpSending,
     /// An error flag changed, or frames were lost. The value is EFLG: see [`ErrorFlags`].
     Flags,
@@ -66,20 +109,22 @@ pub enum Event {
 
 /// The state of the chip, as far as the driver knows it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct State {
-    /// [`poll`](Mcp2515::poll) is due.
+    /// [`poll`](Driver::poll) is due.
     pub is_due: bool,
     /// The chip is on the bus.
     pub is_running: bool,
     /// At the last check the chip had no frame left to send.
     pub is_empty: bool,
-    /// The chip has room for a frame: [`find_room`](Mcp2515::find_room) has found a buffer, and no
+    /// The chip has room for a frame: [`find_room`](Driver::find_room) has found a buffer, and no
     /// frame has taken it since.
     pub has_room: bool,
 }
 
 /// The value of EFLG.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct ErrorFlags(pub u8);
 
 impl ErrorFlags {
@@ -99,12 +144,10 @@ impl ErrorFlags {
     }
 }
 
-/// The driver of a chip on an SPI in mode 0,0 with at most 10 MHz, with its CS and INT pins.
-///
-/// Only the chip may be on the SPI ([`SpiBus`]): the driver keeps CS low during several calls of
-/// the bus.
-pub struct Mcp2515<SPI, CS, INT, A> {
-    chip: Chip<SPI, CS>,
+/// The driver of a chip on an SPI in mode 0,0 with at most 10 MHz, with its INT pin. `C` is the way
+/// to the chip: see [`SharedMcp2515`] and [`Mcp2515`].
+pub struct Driver<C, INT, A> {
+    chip: C,
     int: INT,
     counters: Counters,
     configuration: Configuration<A>,
@@ -118,23 +161,38 @@ pub struct Mcp2515<SPI, CS, INT, A> {
     wait_ms: u8,
     /// Time of the last check of the error flags, modulo 256.
     looked_ms: u8,
-    /// Buffers that waited to be sent at the last check, as bits of READ STATUS, and number of
-    /// supervisions since that changed.
+    /// Buffers that waited to be sent at the last check, as bits of READ STATUS.
     tx_waiting: u8,
+    /// Number of supervisions since that changed, or since no frame has passed.
     tx_checks: u8,
+    bus_rate: BusRate,
+    /// [`State::is_due`] was asked for since the last look at the errors.
+    is_to_look: bool,
+    /// The value of CANCTRL that was written last.
+    canctrl: u8,
+    /// The time since a chip that listens has heard something, in [`LISTENING_MS`].
+    silence: u8,
     /// The last part of a supervision that was done.
     part: u8,
+    /// INT did not follow the chip since its last start.
+    is_int_wrong: bool,
     /// The rank for the next frame, if there is room.
     room: Option<Rank>,
     rx: RxOrder,
     step: Step,
 }
 
-impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
-    /// Makes a driver. The first [`poll`](Self::poll) resets the chip.
-    pub const fn new(spi: SPI, cs: CS, int: INT, configuration: Configuration<A>) -> Self {
+/// The driver of a chip on an SPI bus with other devices: the ordinary way in.
+pub type SharedMcp2515<D, INT, A> = Driver<Shared<D>, INT, A>;
+
+/// The driver of a chip alone on its SPI bus, with its CS pin: the fast way in. The driver keeps CS
+/// low during several calls of the bus.
+pub type Mcp2515<SPI, CS, INT, A> = Driver<Exclusive<SPI, CS>, INT, A>;
+
+impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
+    const fn with_chip(chip: C, int: INT, configuration: Configuration<A>) -> Self {
         Self {
-            chip: Chip::new(spi, cs),
+            chip,
             int,
             configuration,
             step: Step::DOWN,
@@ -146,38 +204,29 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             room: None,
             tx_waiting: 0,
             tx_checks: 0,
+            bus_rate: BusRate::Unknown,
+            is_to_look: false,
+            canctrl: 0,
+            silence: 0,
             part: 0,
+            is_int_wrong: false,
             flags: 0,
             rec: 0,
             counters: Counters::new(),
         }
     }
 
-    /// Makes a driver that does not access the chip before [`configure`](Self::configure). The
-    /// value is all zero bytes apart from the four arguments, so that the start-up code need
-    /// not copy a `static` from flash.
-    pub const fn unconfigured(spi: SPI, cs: CS, int: INT, acceptance: A) -> Self {
-        let configuration = Configuration {
-            timing: crate::BitTiming::UNSET,
-            acceptance,
-            attempts: Attempts::UntilSent,
-        };
-        Self::new(spi, cs, int, configuration)
-    }
-
     /// Restarts the chip with `configuration`, from the next [`poll`](Self::poll) on. Frames that
     /// the chip has not sent yet are lost. The chip is off the bus for about 5 ms.
-    #[inline(always)]
     pub fn configure(&mut self, configuration: Configuration<A>) {
         self.configuration = configuration;
-        self.restart();
+        self.rejoin();
     }
 
     /// Changes the configuration of a chip on the bus, and configures it again without a reset. The
     /// chip leaves the bus for about 5 ms when the frame on the bus is over, so no frame that
     /// it has acknowledged is lost. Frames that it has not sent yet are aborted. A chip that is not
     /// on the bus is restarted as by [`configure`](Self::configure).
-    #[inline(always)]
     pub fn reconfigure(&mut self, now_ms: u16, change: impl FnOnce(&mut Configuration<A>)) {
         change(&mut self.configuration);
         if !self.is_running() {
@@ -189,10 +238,25 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.chip.write_canctrl(MODE_CONFIGURATION | ABAT);
     }
 
-    #[inline(always)]
     fn restart(&mut self) {
         self.step = Step::DOWN;
         self.wait_ms = 0;
+    }
+
+    /// The configuration.
+    pub fn configuration(&self) -> &Configuration<A> {
+        &self.configuration
+    }
+
+    /// The INT pin, for example to wait until it is low.
+    pub fn int(&mut self) -> &mut INT {
+        &mut self.int
+    }
+
+    /// Adds a clock, for the traits of [`embedded_can`]. `now_ms` returns the time in milliseconds,
+    /// which wraps around.
+    pub const fn with_clock<T: FnMut() -> u16>(self, now_ms: T) -> WithClock<C, INT, A, T> {
+        WithClock::new(self, now_ms)
     }
 
     /// The counters of the driver.
@@ -207,29 +271,36 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     /// Returns the state without an access to the chip. `now_ms` wraps around, so call this at
     /// least every 100 ms.
-    #[inline(always)]
     pub fn state(&mut self, now_ms: u16) -> State {
         State {
             is_due: self.is_due(now_ms),
             is_running: self.is_running(),
             is_empty: self.is_empty(),
-            has_room: self.room.is_some(),
+            has_room: self.has_room(),
         }
     }
 
     /// As [`State::is_empty`].
-    #[inline(always)]
     pub fn is_empty(&self) -> bool {
         self.tx_waiting == 0
     }
 
-    #[inline(always)]
+    /// As [`State::has_room`].
+    pub fn has_room(&self) -> bool {
+        self.room.is_some()
+    }
+
     fn is_due(&mut self, now_ms: u16) -> bool {
         (now_ms as u8).wrapping_sub(self.polled_ms) >= self.wait_ms
             // Bus-off, into which only a chip that sends can come, lasts at least 1.4 ms.
             || self.tx_waiting != 0 && now_ms as u8 != self.looked_ms
+            // A chip with the wrong bit rate can disturb a frame each 30 us, and without INT a
+            // frame may wait. The second call after a look, so that other work comes in between.
+            || (self.bus_rate != BusRate::Same || self.is_int_wrong)
+                && self.step >= Step::LISTENING
+                && core::mem::replace(&mut self.is_to_look, true)
             // The chip is on the bus already and has a frame. The next one may arrive within 70 us.
-            || (Step::ENTERING..Step::RUNNING).contains(&self.step) && self.is_int_low()
+            || (Step::ENTERING..Step::LISTENING).contains(&self.step) && self.is_int_low()
     }
 
     /// Does the next short step of start-up or supervision. Call it when [`State::is_due`] is true.
@@ -238,13 +309,21 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         let now_ms = now_ms as u8;
         let is_early = now_ms.wrapping_sub(self.polled_ms) < self.wait_ms;
         let step = self.step;
-        if step.is_running() && is_early {
+        self.is_to_look = false;
+        if step >= Step::LISTENING && is_early {
             self.looked_ms = now_ms;
-            return self.check_errors();
+            return if step == Step::LISTENING { self.listen() } else { self.check_errors() };
         }
         self.polled_ms = now_ms;
         if step.is_running() {
             return self.supervise();
+        }
+        if step == Step::LISTENING {
+            self.silence += 1;
+            if self.silence > SILENCE {
+                self.rejoin();
+            }
+            return None;
         }
         self.wait_ms = 0;
         if step == Step::DOWN && !self.configuration.timing.is_set() {
@@ -270,7 +349,8 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
                 }
                 return None;
             }
-            mode.leave(self.configuration.canctrl());
+            mode.finish();
+            self.write_canctrl();
         }
         let canstat = self.chip.read(CANSTAT);
         let mode = canstat & OPMOD;
@@ -281,7 +361,13 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             return None;
         }
         self.wait_ms = 1;
-        if mode == MODE_NORMAL {
+        if mode == self.canctrl & OPMOD {
+            if self.bus_rate == BusRate::Another {
+                self.step = Step::LISTENING;
+                self.wait_ms = LISTENING_MS;
+                self.silence = 0;
+                return None;
+            }
             self.step = Step::RUNNING;
             self.rx = RxOrder::new();
             self.room = None;
@@ -299,7 +385,7 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
         // A chip that has left the bus still has the frames that it received.
-        (!self.rx.is_empty() || self.is_int_low())
+        (!self.rx.is_empty() || self.is_int_low() || self.is_int_wrong)
             && (self.is_running() || self.step == Step::STARTING)
     }
 
@@ -309,10 +395,44 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         self.int.is_low().unwrap_or(true)
     }
 
+    /// True if INT does not follow the chip: see [`Event::IntWrong`]. Then
+    /// [`has_frame`](Self::has_frame) is always true, [`receive`](Self::receive) finds out if there
+    /// is a frame, and [`poll`](Self::poll) is due in every second turn, after which the caller can
+    /// look.
+    pub fn is_int_wrong(&self) -> bool {
+        self.is_int_wrong
+    }
+
     /// Reads the next frame from the chip. Returns false if there is none. It marks a standard or
     /// remote frame with [`Frame::FOREIGN`].
     #[inline(always)]
     pub fn receive(&mut self, frame: &mut Frame) -> bool {
+        self.read_next(frame, |frame, dlc| {
+            // Converts SIDH and SIDL: see `filters::registers`.
+            let [sidh, sidl, ..] = frame.id;
+            frame.id[0] = sidh >> 3;
+            frame.id[1] = sidh << 5 | (sidl >> 3) & 0b1_1100 | sidl & 0b11;
+            if sidl & IDE == 0 || dlc & RTR != 0 {
+                frame.id[0] |= Frame::FOREIGN;
+            }
+        })
+    }
+
+    /// Reads the next frame from the chip, also a standard or a remote frame. The
+    /// [filters](Acceptance) decide which of them the chip accepts.
+    pub fn receive_any(&mut self) -> Option<AnyFrame> {
+        let mut registers = Frame::EMPTY;
+        let mut received = None;
+        self.read_next(&mut registers, |registers, dlc| {
+            received = Some(AnyFrame::from_registers(registers, dlc));
+        });
+        received
+    }
+
+    /// Reads the next frame from the chip, with SIDH, SIDL, EID8 and EID0 in place of the
+    /// identifier. Passes it and RXBnDLC to `convert`. Returns false if there is none.
+    #[inline(always)]
+    fn read_next(&mut self, frame: &mut Frame, convert: impl FnOnce(&mut Frame, u8)) -> bool {
         if self.rx.is_empty() {
             let status = self.chip.status();
             self.rx.seen_late(status);
@@ -322,14 +442,9 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         };
         let dlc = self.chip.read_frame(buffer, frame);
 
+        self.bus_rate = BusRate::Same;
         self.counters.count_long(Counter::RxReceived);
-        // Converts SIDH and SIDL: see `filters::registers`.
-        let [sidh, sidl, ..] = frame.id;
-        frame.id[0] = sidh >> 3;
-        frame.id[1] = sidh << 5 | (sidl >> 3) & 0b1_1100 | sidl & 0b11;
-        if sidl & IDE == 0 || dlc & RTR != 0 {
-            frame.id[0] |= Frame::FOREIGN;
-        }
+        convert(frame, dlc);
         if buffer == Buffer::Rxb0 && self.rx.is_empty() && self.is_int_low() {
             let status = self.chip.status();
             self.rx.seen_at_once(status);
@@ -339,9 +454,18 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
 
     /// Checks if the chip has a buffer from which a frame is sent after all frames that wait. Then
     /// [`State::has_room`] is true.
+    ///
+    /// While the bit rate of the bus is unknown, each frame that the chip sends may destroy one of
+    /// the others, and nobody tells it so: a sparse bus is silent most of the time. So after a
+    /// frame that failed, and did not only lose arbitration, there is room in 40 ms of each
+    /// [`TX_TIMEOUT_MS`].
     #[inline(never)]
     pub fn find_room(&mut self) {
-        if self.step == Step::RUNNING {
+        if self.step == Step::RUNNING
+            && (self.bus_rate == BusRate::Same
+                || self.tx_checks >= FIRST_TRIAL_CHECK
+                || self.chip.read(TEC) == 0)
+        {
             self.check_waiting();
             self.room = self.tx.next(self.tx_waiting);
         }
@@ -352,7 +476,16 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     #[inline(never)]
     pub fn transmit(&mut self, frame: &Frame) {
         if let Some(rank) = self.take_room() {
+            self.counters.count_long(Counter::TxRequests);
             self.chip.send_frame(rank, frame);
+        }
+    }
+
+    /// Passes a frame of any kind to the chip, as [`transmit`](Self::transmit).
+    pub fn transmit_any(&mut self, frame: &AnyFrame) {
+        if let Some(rank) = self.take_room() {
+            let (registers, dlc) = frame.to_registers();
+            self.chip.send_raw(rank, &registers, dlc);
         }
     }
 
@@ -369,16 +502,16 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     #[inline(never)]
     pub fn finish_transmit(&mut self, frame: &Frame) {
         if let Some(rank) = self.take_room() {
+            // Half a frame leaves time for the call.
+            self.counters.add(Counter::TxRequests, 1);
             self.chip.write_data_and_send(rank, frame);
         }
     }
 
     /// Takes the room for a frame that will wait in the chip.
-    #[inline(always)]
     fn take_room(&mut self) -> Option<Rank> {
         let rank = self.room.take()?;
         self.tx_waiting |= rank.status();
-        self.counters.count_long(Counter::TxRequests);
         Some(rank)
     }
 
@@ -397,27 +530,50 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
             let rec = self.chip.read(REC);
             self.counters.add(Counter::RxErrors, rec.saturating_sub(self.rec));
             self.rec = rec;
-            if self.chip.read(RXB0CTRL) & (RXM | BUKT) != BUKT || self.is_int_stuck() {
+            if self.chip.read(RXB0CTRL) & (RXM | BUKT) != BUKT {
                 return self.fail(Event::Lost, 0);
             }
-            return None;
+            return self.check_int();
         }
         self.part = 0;
         self.wait_ms = SUPERVISION_MS;
         self.check_waiting();
-        if self.step == Step::ABORTING {
-            self.step = Step::RUNNING;
-            self.write_canctrl(0);
+        self.tx_checks += 1;
+        if self.tx_checks != TX_TIMEOUT_CHECKS {
+            self.write_canctrl();
+            return None;
         }
-        // This cannot overflow: at TX_TIMEOUT_CHECKS the driver aborts all buffers, and the next
-        // check sets the count to 0.
-        self.tx_checks = self.tx_checks.wrapping_add(1);
-        if self.tx_checks == TX_TIMEOUT_CHECKS {
-            self.step = Step::ABORTING;
-            self.write_canctrl(ABAT);
-            return Some(Notice { event: Event::GaveUpSending, value: 0 });
+        self.tx_checks = 0;
+        // The cable may be plugged in elsewhere next.
+        self.bus_rate = BusRate::Unknown;
+        self.chip.clear_interrupts();
+        self.write_canctrl();
+        Some(Notice { event: Event::GaveUpSending, value: 0 })
+    }
+
+    /// Puts a chip that listens on the bus again if it has heard a frame, and no error since the
+    /// last look. In this mode the chip stores frames with errors, too (DS20001801J 10.3). So none
+    /// of them is received, and the reset discards them. After an error the chip listens with the
+    /// next timing, if there is one.
+    fn listen(&mut self) -> Option<Notice> {
+        let heard = self.chip.take_interrupts() & (MERRF | RX1IF | RX0IF);
+        if heard != 0 {
+            self.silence = 0;
+            if heard < MERRF {
+                self.rejoin();
+            } else if let Some(timing) = self.configuration.acceptance.next_timing() {
+                self.configuration.timing = timing;
+                self.restart();
+            }
         }
         None
+    }
+
+    /// Lets the chip find out if its bit rate is that of the bus.
+    #[inline(never)]
+    fn rejoin(&mut self) {
+        self.bus_rate = BusRate::Unknown;
+        self.restart();
     }
 
     fn check_configuration(&mut self) -> Option<Notice> {
@@ -425,16 +581,16 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         let mut wrong = 0;
         let mut address = CNF3;
         while address <= CANINTE {
-            wrong |= self.chip.next() ^ self.configuration.register(address);
+            wrong |= self.chip.read_next() ^ self.configuration.register(address);
             address += 1;
         }
-        let _canintf = self.chip.next();
-        let _eflg = self.chip.next();
-        let canstat = self.chip.next();
-        let canctrl = self.chip.next();
-        self.chip.deselect();
-        wrong |= (canstat & OPMOD) ^ MODE_NORMAL;
-        wrong |= (canctrl ^ self.configuration.canctrl()) & !ABAT;
+        let _canintf = self.chip.read_next();
+        let _eflg = self.chip.read_next();
+        let canstat = self.chip.read_next();
+        let canctrl = self.chip.read_next();
+        self.chip.end_read();
+        wrong |= (canstat ^ self.canctrl) & OPMOD;
+        wrong |= canctrl ^ self.canctrl;
         if wrong != 0 {
             return self.fail(Event::Lost, 0);
         }
@@ -446,38 +602,63 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
     #[inline(never)]
     fn check_errors(&mut self) -> Option<Notice> {
         self.chip.begin_read(CANINTF);
-        let has_error = self.chip.next() & ERRIF != 0;
-        let eflg = self.chip.next();
-        self.chip.deselect();
+        let canintf = self.chip.read_next();
+        let eflg = self.chip.read_next();
+        self.chip.end_read();
         let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
+        // ERRIF may have been set between the two registers.
+        let has_error = canintf & ERRIF != 0 || eflg & !before != 0;
         if eflg & (RX0OVR | RX1OVR) != 0 {
             self.counters.add(Counter::RxOverflow, 1);
             self.chip.clear_overflow();
+        } else if self.bus_rate == BusRate::Unknown && self.chip.read(REC) != 0 {
+            // A disturbed frame, before one has passed. A chip that has lost frames has had some.
+            self.bus_rate = BusRate::Another;
+            // A request for listen-only mode would wait for an idle bus, so the reset follows.
+            return self.fail(Event::AnotherRate, 0);
+        }
+        // TXnIF are cleared below, or were when TXEP was set.
+        if self.bus_rate == BusRate::Same
+            && (eflg & !before & (TXBO | RXEP) != 0
+                || eflg & TXEP != 0 && self.tx_checks >= PASSIVE_CHECKS)
+        {
+            self.bus_rate = BusRate::Unknown;
         }
         if has_error {
-            self.chip.clear_error_interrupt();
+            self.chip.clear_interrupts();
+            if eflg & TXBO != 0 {
+                self.counters.add(Counter::BusOffs, 1);
+            }
         } else if eflg == before {
             return None;
-        }
-        if eflg & TXBO != 0 && (has_error || before & TXBO == 0) {
-            self.counters.add(Counter::BusOffs, 1);
         }
         Some(Notice { event: Event::Flags, value: eflg })
     }
 
-    /// True if INT does not agree with the flags of the chip: it must be low while a frame waits.
-    /// Between the two checks a frame may arrive, but none can leave.
-    #[inline(always)]
-    fn is_int_stuck(&mut self) -> bool {
-        if self.is_int_low() {
-            return self.chip.status() & status::RXIF == 0;
+    /// Reports that INT does not agree with the flags of the chip: it must be low while a frame
+    /// waits. Between the two looks at INT a frame may arrive, but none can leave.
+    fn check_int(&mut self) -> Option<Notice> {
+        let was_low = self.is_int_low();
+        if self.chip.status() & status::RXIF == 0 {
+            if !was_low {
+                return None;
+            }
+        } else if self.is_int_low() {
+            return None;
         }
-        self.chip.status() & status::RXIF != 0 && !self.is_int_low()
+        if self.is_int_wrong {
+            return None;
+        }
+        self.is_int_wrong = true;
+        Some(Notice { event: Event::IntWrong, value: 0 })
     }
 
+    /// Writes CANCTRL. The mode of the bus's rate may have one-shot mode in addition, also where
+    /// that has no effect.
     #[inline(never)]
-    fn write_canctrl(&mut self, abort: u8) {
-        self.chip.write_canctrl(self.configuration.canctrl() | abort);
+    fn write_canctrl(&mut self) {
+        self.canctrl = self.bus_rate as u8 | self.configuration.attempts as u8;
+        self.chip.write_canctrl(self.canctrl);
     }
 
     #[inline(never)]
@@ -485,25 +666,61 @@ impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, 
         // Resets a chip that was running at once: with a wrong bit timing it would disturb the bus.
         self.wait_ms = if self.is_running() { 0 } else { RETRY_MS };
         self.step = Step::DOWN;
+        self.is_int_wrong = false;
         Some(Notice { event, value })
     }
 
     /// Notes the buffers that wait to be sent, and counts those that no longer wait.
     #[inline(never)]
     fn check_waiting(&mut self) {
-        let waiting = self.chip.status() & status::TXREQ;
+        let status = self.chip.status();
+        if status & status::TXIF != 0 {
+            self.bus_rate = BusRate::Same;
+        }
+        let waiting = status & status::TXREQ;
         let mut gone = self.tx_waiting & !waiting;
         if waiting == 0 || waiting != self.tx_waiting {
             self.tx_waiting = waiting;
-            self.tx_checks = 0;
+            // A frame that was tried once need not have been sent.
+            if self.bus_rate == BusRate::Same {
+                self.tx_checks = 0;
+            }
         }
         while gone != 0 {
             gone &= gone - 1;
-            if self.step == Step::ABORTING {
+            if self.bus_rate != BusRate::Same {
                 self.counters.add(Counter::TxTimedOut, 1);
             } else if self.configuration.attempts == Attempts::UntilSent {
                 self.counters.add(Counter::TxSuccess, 1);
             }
         }
+    }
+}
+
+impl<D: SpiDevice, INT: InputPin, A: Acceptance> SharedMcp2515<D, INT, A> {
+    /// Makes a driver. The first [`poll`](Self::poll) resets the chip.
+    pub const fn new(device: D, int: INT, configuration: Configuration<A>) -> Self {
+        Self::with_chip(Shared::new(device), int, configuration)
+    }
+}
+
+impl<SPI: SpiBus, CS: OutputPin, INT: InputPin, A: Acceptance> Mcp2515<SPI, CS, INT, A> {
+    /// Makes a driver. The first [`poll`](Self::poll) resets the chip.
+    pub const fn new(spi: SPI, cs: CS, int: INT, configuration: Configuration<A>) -> Self {
+        Self::with_chip(Exclusive::new(spi, cs), int, configuration)
+    }
+
+    /// Makes a driver that does not access the chip before [`configure`](Self::configure). The
+    /// value is all zero bytes apart from the four arguments, so that the start-up code need
+    /// not copy a `static` from flash.
+    pub const fn unconfigured(spi: SPI, cs: CS, int: INT, acceptance: A) -> Self {
+        let configuration = Configuration {
+            timing: crate::BitTiming::UNSET,
+            acceptance,
+            attempts: Attempts::UntilSent,
+        };
+        let mut driver = Self::new(spi, cs, int, configuration);
+        driver.bus_rate = BusRate::Same;
+        driver
     }
 }

@@ -1,5 +1,6 @@
 //! Acceptance filters and masks (DS20001801J 4.5).
 
+use crate::bit_timing::BitTiming;
 use crate::registers::IDE;
 
 /// The registers of a filter or a mask: SIDH, SIDL, EID8 and EID0.
@@ -19,6 +20,18 @@ impl Pattern {
         Self([sidh, sidl & !IDE, eid8, eid0])
     }
 
+    /// Makes a filter for a standard identifier of 11 bits. The chip accepts it in data and in
+    /// remote frames.
+    pub const fn standard_filter(id: u16) -> Self {
+        Self([(id >> 3) as u8, (id << 5) as u8, 0, 0])
+    }
+
+    /// Makes a mask for standard identifiers. With an extended identifier the chip compares the
+    /// upper 11 bits.
+    pub const fn standard_mask(id: u16) -> Self {
+        Self::standard_filter(id)
+    }
+
     /// SIDH, SIDL, EID8 and EID0.
     pub const fn registers(self) -> [u8; 4] {
         self.0
@@ -35,6 +48,13 @@ pub trait Acceptance {
     /// Returns register `n` of 32: four registers of each filter from 0 to 5, then four of each
     /// mask. See [`Pattern`].
     fn register(&self, n: u8) -> u8;
+
+    /// Returns the timing with which the chip listens next. The driver asks when the chip listens
+    /// because the bus has another bit rate, and has heard an error with the present timing. `None`
+    /// keeps that one. A node that finds the bit rate of its bus returns one after the other.
+    fn next_timing(&mut self) -> Option<BitTiming> {
+        None
+    }
 }
 
 /// Six filters and two masks.
@@ -47,6 +67,24 @@ pub struct Filters {
 }
 
 impl Filters {
+    /// Accepts every frame, first in buffer 0, so that all frames stay in order.
+    pub const ALL: Self = Self {
+        filters: [
+            Pattern::standard_filter(0),
+            Pattern::filter([0; 4]),
+            Pattern::standard_filter(0),
+            Pattern::filter([0; 4]),
+            Pattern::standard_filter(0),
+            Pattern::filter([0; 4]),
+        ],
+        masks: [Pattern::mask([0; 4]), Pattern::mask([0; 4])],
+    };
+
+    /// Accepts every frame with a standard identifier, first in buffer 0, so that all frames stay
+    /// in order.
+    pub const ALL_STANDARD: Self =
+        Self { filters: [Pattern::standard_filter(0); 6], masks: [Pattern::standard_mask(0); 2] };
+
     /// Accepts every frame with an extended identifier, first in buffer 0, so that all frames stay
     /// in order.
     pub const ALL_EXTENDED: Self = Self {

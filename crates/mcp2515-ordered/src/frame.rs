@@ -2,6 +2,7 @@
 
 /// An extended data frame of up to eight bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Frame {
     /// Number of valid bytes in `data`: 0 to 8.
     pub len: u8,

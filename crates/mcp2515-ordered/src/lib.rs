@@ -3,10 +3,14 @@
 //!
 //! # Getting started
 //!
-//! [`Mcp2515::new`] takes an SPI bus that only the chip uses, the pins CS and INT, and a
-//! [`Configuration`]. A main loop calls [`Mcp2515::poll`] when [`State::is_due`] is true, and
-//! [`Mcp2515::receive`] when [`Mcp2515::has_frame`] is true; the interrupt of INT may call
-//! `receive` instead. The caller passes the time: 16 bits of milliseconds that wrap around.
+//! [`SharedMcp2515::new`] takes an SPI device on a bus with other devices, the pin INT, and a
+//! [`Configuration`]. [`Mcp2515::new`] takes an SPI bus that only the chip uses, the pins CS and
+//! INT, and a configuration, and is faster. Both make a [`Driver`].
+//!
+//! [`Driver::with_clock`] makes of it what the traits of [`embedded_can`] need. Without it a main
+//! loop calls [`Driver::poll`] when [`State::is_due`] is true, and [`Driver::receive`] when
+//! [`Driver::has_frame`] is true; the interrupt of INT may call `receive` instead. The caller
+//! passes the time: 16 bits of milliseconds that wrap around.
 //!
 //! ```
 //! use embedded_hal::digital::{InputPin, OutputPin};
@@ -57,36 +61,53 @@
 //!
 //! # How it works
 //!
-//! [`Mcp2515::poll`] starts the chip one short step at a time: it resets the chip, writes each
+//! [`Driver::poll`] starts the chip one short step at a time: it resets the chip, writes each
 //! register *and reads it back*, and requests normal mode, which CANSTAT must confirm. While the
 //! chip runs, `poll` checks every [`SUPERVISION_MS`] that the chip still has its configuration (a
 //! brown-out or a glitch resets it) and that INT agrees with its flags, and reads its error flags
-//! and counters. After any failure it returns a [`Notice`] and restarts the chip, any number of
-//! times: at once if the chip was running, else after [`RETRY_MS`]. It cannot check filters and
-//! masks of a running chip: outside configuration mode they read as zero (4.5).
+//! and counters. If INT does not agree ([`Event::IntWrong`]), [`Driver::has_frame`] is true while
+//! the chip runs, and [`Driver::receive`] asks the chip. After any other failure `poll` returns a
+//! [`Notice`] and restarts the chip, any number of times: at once if the chip was running, else
+//! after [`RETRY_MS`]. It cannot check filters and masks of a running chip: outside configuration
+//! mode they read as zero (4.5).
 //!
 //! The registers that the chip accepts in configuration mode only are one value, [`Configuration`].
-//! Only [`Mcp2515::configure`] and [`Mcp2515::reconfigure`] change it, and both restart the chip.
+//! Only [`Driver::configure`] and [`Driver::reconfigure`] change it, and both restart the chip.
 //! Inside the driver, only a type that exists between reset and normal mode can write these
 //! registers.
 //!
-//! [`Mcp2515::has_frame`] polls the level of the INT pin. An edge is not enough: if a second frame
+//! [`Driver::has_frame`] polls the level of the INT pin. An edge is not enough: if a second frame
 //! arrives before the first is read, the pin stays low, and no further edge comes.
+//!
+//! # A bus of another bit rate
+//!
+//! A chip with a wrong bit rate would destroy each frame of the others. So until a frame has passed
+//! in either direction, the chip tries each frame once, and the first disturbed frame of the others
+//! makes the driver reset the chip, which then only listens ([`Event::AnotherRate`]). Listening
+//! costs the others nothing. The chip comes back when it hears a frame without an error, or when
+//! the bus is silent for a second.
+//! On a bus where the others rarely send, only the chip's own frames show that something is wrong.
+//! So after one that failed there is room for the next ones in the last 40 ms of each second only;
+//! one that lost arbitration did not fail.
+//! An error-passive chip, bus-off, or a second in which nothing could be sent also leads back to
+//! the beginning, because the cable may be plugged in elsewhere.
 //!
 //! # Order
 //!
-//! The driver sends frames in the order of [`Mcp2515::transmit`], although the chip sends the
-//! highest of its three buffers first. [`Mcp2515::receive`] returns frames in the order in which
+//! The driver sends frames in the order of [`Driver::transmit`], although the chip sends the
+//! highest of its three buffers first. [`Driver::receive`] returns frames in the order in which
 //! they arrived, although the chip has two buffers and no order between them. There is
 //! one exception: frames that only buffer 1's own filters accept are in order among themselves, but
 //! not with the frames of buffer 0. See [`Acceptance`].
 //!
 //! # Cost
 //!
-//! To receive a frame takes two chip selects and 8 bytes besides its data: READ STATUS, and READ RX
-//! BUFFER, which also clears the flag. If INT is still low after that, the driver reads the status
-//! at once, and the next frame needs no READ STATUS. To send a frame takes three chip selects and
-//! 19 bytes: READ STATUS, WRITE, and RTS.
+//! On a bus of its own, to receive a frame takes two chip selects and 8 bytes besides its data:
+//! READ STATUS, and READ RX BUFFER, which also clears the flag. If INT is still low after that, the
+//! driver reads the status at once, and the next frame needs no READ STATUS. To send a frame takes
+//! three chip selects and 19 bytes: READ STATUS, WRITE, and RTS. On a shared bus to receive a frame
+//! takes two transactions of 16 bytes, because a transaction cannot depend on the length that it
+//! reads.
 //!
 //! # Assumptions and limits
 //!
@@ -98,18 +119,20 @@
 //!   twice in one-shot mode if CS stayed low until the end of the frame (errata DS80000179, 5).
 //! * The driver does not report an error of the SPI or of a pin itself. The values that it then
 //!   reads are wrong, so its checks find a failure and it restarts the chip.
-//! * The driver handles extended data frames only. It marks other frames that the filters accept
-//!   with [`Frame::FOREIGN`].
+//! * A [`Frame`] is an extended data frame: [`Driver::receive`] marks other frames that the filters
+//!   accept with [`Frame::FOREIGN`]. An [`AnyFrame`] is a frame of any kind.
 //!
 //! # Features
 //!
-//! `counters`: the driver counts in [`Counters`]. Without the feature they are zero and take no
-//! memory.
+//! * `counters`: the driver counts in [`Counters`]. Without the feature they are zero and take no
+//!   memory.
+//! * `defmt`: frames, notices, states and errors implement `defmt::Format`.
 
 #![no_std]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+mod any_frame;
 mod bit_timing;
 mod chip;
 mod configuration;
@@ -119,13 +142,25 @@ mod filters;
 mod frame;
 mod registers;
 mod rx_order;
+mod shared;
 mod tx_order;
+mod with_clock;
 
+pub use any_frame::AnyFrame;
 pub use bit_timing::BitTiming;
+pub use chip::{Exclusive, Instructions};
 pub use configuration::{Attempts, Configuration};
 pub use counters::{Counter, Counters, NO_WORD, WORDS};
 pub use driver::{
-    ErrorFlags, Event, Mcp2515, Notice, RETRY_MS, SUPERVISION_MS, State, TX_TIMEOUT_MS,
+    Driver, ErrorFlags, Event, Mcp2515, Notice, RETRY_MS, SUPERVISION_MS, SharedMcp2515, State,
+    TX_TIMEOUT_MS,
 };
 pub use filters::{Acceptance, Filters, Pattern};
 pub use frame::Frame;
+pub use shared::Shared;
+pub use with_clock::{CanError, WithClock};
+
+/// Compiles the examples of the README.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;

@@ -24,10 +24,13 @@ pub mod status {
     pub const RXIF: u8 = 1 << 1 | 1 << 0;
     /// TXREQ of the three buffers.
     pub const TXREQ: u8 = 1 << 6 | 1 << 4 | 1 << 2;
+    /// TX0IF to TX2IF of CANINTF.
+    pub const TXIF: u8 = 1 << 7 | 1 << 5 | 1 << 3;
 }
 
 pub const CANSTAT: u8 = 0x0E;
 pub const CANCTRL: u8 = 0x0F;
+pub const TEC: u8 = 0x1C;
 pub const REC: u8 = 0x1D;
 /// From here on follow CNF3, CNF2, CNF1, CANINTE, CANINTF, EFLG, and CANSTAT and CANCTRL again.
 pub const CNF3: u8 = 0x28;
@@ -45,6 +48,11 @@ pub const OPMOD: u8 = 0b1110_0000;
 pub const MODE_CONFIGURATION: u8 = 0b1000_0000;
 /// OPMOD and REQOP: normal mode.
 pub const MODE_NORMAL: u8 = 0b0000_0000;
+/// OPMOD and REQOP: listen-only mode.
+pub const MODE_LISTEN_ONLY: u8 = 0b0110_0000;
+
+/// OPMOD and REQOP: loopback mode.
+pub const MODE_LOOPBACK: u8 = 0b0100_0000;
 
 /// CANCTRL: abort all pending transmissions.
 pub const ABAT: u8 = 1 << 4;
@@ -56,6 +64,13 @@ pub const RX0IE: u8 = 1 << 0;
 /// CANINTE: receive buffer 1 full.
 pub const RX1IE: u8 = 1 << 1;
 
+/// CANINTF: a receive buffer has a frame.
+pub const RX0IF: u8 = 1 << 0;
+pub const RX1IF: u8 = 1 << 1;
+/// CANINTF: TX0IF to TX2IF, a frame was sent and acknowledged.
+pub const TXIF: u8 = 1 << 4 | 1 << 3 | 1 << 2;
+/// CANINTF: there was an error in a frame.
+pub const MERRF: u8 = 1 << 7;
 /// CANINTF: frames were lost, or the error state has changed.
 pub const ERRIF: u8 = 1 << 5;
 
@@ -78,7 +93,10 @@ pub const BUKT: u8 = 1 << 2;
 /// RXBnSIDL: the frame has an extended identifier. The name of the bit in TXBnSIDL and RXFnSIDL is
 /// EXIDE.
 pub const IDE: u8 = 1 << 3;
-/// RXBnDLC: the frame is a remote frame. Only for an extended identifier.
+/// RXBnSIDL: the frame is a remote frame. Only for a standard identifier.
+pub const SRR: u8 = 1 << 4;
+/// RXBnDLC and TXBnDLC: the frame is a remote frame. In RXBnDLC only for an
+/// extended identifier.
 pub const RTR: u8 = 1 << 6;
 /// RXBnDLC: the data length code. Codes above 8 mean 8 bytes (ISO 11898-1).
 pub const DLC: u8 = 0x0F;

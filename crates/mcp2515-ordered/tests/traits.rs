@@ -1,0 +1,398 @@
+//! The driver on both kinds of SPI and through the traits of `embedded-can`, in each mode, with the
+//! simulator's model of the chip on a simulated bus.
+
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use can_model::{Bus, Frame as BusFrame, Id as BusId, PortId, RecordKind, SoftNode};
+use embedded_can::{Error as _, ErrorKind, ExtendedId, Frame as _, Id, StandardId, blocking, nb};
+use mcp2515_model::Mcp2515 as Chip;
+use mcp2515_ordered::{
+    AnyFrame, Attempts, BitTiming, CanError, Configuration, Driver, Event, Filters, Instructions,
+    Mcp2515, Notice, SharedMcp2515, WithClock,
+};
+use sim_base::Cycles;
+use wire::{Device, Peripheral};
+
+mod wire;
+
+const CRYSTAL_HZ: u32 = 16_000_000;
+const BIT_RATE: u32 = 500_000;
+const MS: Cycles = 16_000;
+const US: Cycles = 16;
+/// Time of an SPI byte, including the time to the next byte.
+const SPI_BYTE: Cycles = 20;
+/// Time that passes between two calls of a driver.
+const CALL: Cycles = 20 * US;
+
+/// The bus with the chip.
+struct World {
+    bus: Bus,
+    chip: Rc<RefCell<Chip>>,
+    now: Cycles,
+    selects: u32,
+    bytes: u32,
+    /// No chip answers: MISO is high.
+    is_absent: bool,
+}
+
+impl World {
+    fn run(&mut self, time: Cycles) {
+        self.now += time;
+        self.bus.run_until(self.now);
+    }
+}
+
+impl Peripheral for World {
+    fn exchange(&mut self, words: &mut [u8]) {
+        for word in words {
+            self.chip.borrow_mut().begin_byte(self.now);
+            self.run(SPI_BYTE);
+            self.bytes += 1;
+            *word = self.chip.borrow_mut().end_byte(*word, self.now);
+            if self.is_absent {
+                *word = 0xFF;
+            }
+        }
+    }
+
+    fn select(&mut self) {
+        self.selects += 1;
+        self.chip.borrow_mut().select(self.now);
+    }
+
+    fn deselect(&mut self) {
+        self.run(4);
+        self.chip.borrow_mut().deselect(self.now);
+    }
+
+    fn is_int_high(&self) -> bool {
+        self.is_absent || self.chip.borrow().int_pin()
+    }
+}
+
+type Wire = wire::Wire<World>;
+
+/// The rest of the bus: a station that acknowledges, and what passed.
+struct Rig {
+    wire: Wire,
+    chip_port: PortId,
+    peer_port: PortId,
+    peer: Rc<RefCell<SoftNode>>,
+}
+
+impl Rig {
+    fn new() -> Rig {
+        let mut bus = Bus::new(BIT_RATE);
+        let chip = Rc::new(RefCell::new(Chip::new(CRYSTAL_HZ)));
+        let peer = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
+        let chip_port = bus.attach("chip", chip.clone());
+        let peer_port = bus.attach("peer", peer.clone());
+        let mut world = World { bus, chip, now: 0, selects: 0, bytes: 0, is_absent: false };
+        world.run(MS);
+        Rig { wire: wire::Wire(Rc::new(RefCell::new(world))), chip_port, peer_port, peer }
+    }
+
+    fn configuration(acceptance: Filters, attempts: Attempts) -> Configuration<Filters> {
+        Configuration { timing: BitTiming::new(CRYSTAL_HZ, BIT_RATE), acceptance, attempts }
+    }
+
+    /// A clock that also lets time pass for the bus.
+    fn clock(&self) -> impl FnMut() -> u16 + use<> {
+        let wire = self.wire.clone();
+        move || {
+            let mut world = wire.0.borrow_mut();
+            world.run(CALL);
+            (world.now / MS) as u16
+        }
+    }
+
+    fn exclusive(&self, attempts: Attempts) -> Mcp2515<Wire, Wire, Wire, Filters> {
+        let [spi, cs, int] = [(); 3].map(|()| self.wire.clone());
+        Mcp2515::new(spi, cs, int, Self::configuration(Filters::ALL, attempts))
+    }
+
+    fn shared(&self, attempts: Attempts) -> SharedMcp2515<Device<World>, Wire, Filters> {
+        let (device, int) = (Device(self.wire.clone()), self.wire.clone());
+        SharedMcp2515::new(device, int, Self::configuration(Filters::ALL, attempts))
+    }
+
+    fn peer_sends(&self, frame: BusFrame) {
+        self.peer.borrow_mut().send(frame);
+    }
+
+    /// The complete frames of the chip, and the number of error frames, since the last call.
+    fn take_traffic(&self) -> (Vec<BusFrame>, usize) {
+        let (mut frames, mut errors) = (vec![], 0);
+        for record in self.wire.0.borrow_mut().bus.take_records() {
+            match record.kind {
+                RecordKind::Frame { frame, from, .. } if from == Some(self.chip_port) => {
+                    frames.push(frame);
+                }
+                RecordKind::Frame { .. } => {}
+                RecordKind::ErrorFrame { .. } => errors += 1,
+            }
+        }
+        (frames, errors)
+    }
+
+    fn take_cost(&self) -> (u32, u32) {
+        let mut world = self.wire.0.borrow_mut();
+        (std::mem::take(&mut world.selects), std::mem::take(&mut world.bytes))
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            let violations = self.wire.0.borrow().chip.borrow_mut().take_violations();
+            assert!(violations.is_empty(), "driver mistakes: {violations:#?}");
+        }
+    }
+}
+
+type Clocked<C, T> = WithClock<C, Wire, Filters, T>;
+
+/// Polls for some time, and returns the events.
+fn poll<C: Instructions, T: FnMut() -> u16>(can: &mut Clocked<C, T>, ms: u64) -> Vec<Event> {
+    (0..ms * MS / CALL).filter_map(|_| can.poll()).map(|notice| notice.event).collect()
+}
+
+/// Polls until the chip is on the bus.
+fn start<C: Instructions, T: FnMut() -> u16>(can: &mut Clocked<C, T>) {
+    assert_eq!(poll(can, 20), [Event::Running]);
+}
+
+/// Starts the chip, and lets a frame pass, so that the chip no longer tries each frame once.
+fn start_and_hear<C: Instructions, T: FnMut() -> u16>(rig: &Rig, can: &mut Clocked<C, T>) {
+    start(can);
+    rig.peer_sends(BusFrame::standard(1, &[]));
+    assert!(receive(can, 5).is_some());
+    assert_eq!(poll(can, 20), []);
+    rig.take_traffic();
+}
+
+/// Calls until there is a frame, for `ms` at most.
+fn receive<C: nb::Can>(can: &mut C, ms: u64) -> Option<C::Frame> {
+    (0..ms * MS / CALL).find_map(|_| can.receive().ok())
+}
+
+/// A program that knows only the blocking trait: sends back `frames` frames with other data.
+fn echo<C: blocking::Can>(can: &mut C, frames: usize) -> Result<(), C::Error> {
+    for _ in 0..frames {
+        let frame = can.receive()?;
+        let data: Vec<u8> = frame.data().iter().map(|byte| !byte).collect();
+        let reply = if frame.is_remote_frame() {
+            C::Frame::new_remote(frame.id(), frame.dlc())
+        } else {
+            C::Frame::new(frame.id(), &data)
+        };
+        can.transmit(&reply.expect("of the same length"))?;
+    }
+    Ok(())
+}
+
+fn check_echo<C: Instructions>(rig: &Rig, driver: Driver<C, Wire, Filters>) {
+    let standard = BusId::Standard(0x123);
+    let frames = [
+        (BusFrame::standard(0x7FF, &[1, 2]), BusFrame::standard(0x7FF, &[0xFE, 0xFD])),
+        (BusFrame::extended(0x1555_AAAA, &[0; 8]), BusFrame::extended(0x1555_AAAA, &[0xFF; 8])),
+        (BusFrame::standard(0, &[]), BusFrame::standard(0, &[])),
+        (BusFrame::remote(standard, 3), BusFrame::remote(standard, 3)),
+        (
+            BusFrame::remote(BusId::Extended(0x0AAA_5555), 8),
+            BusFrame::remote(BusId::Extended(0x0AAA_5555), 8),
+        ),
+        (BusFrame::standard(0x2AA, &[5; 7]), BusFrame::standard(0x2AA, &[0xFA; 7])),
+    ];
+    let mut can = driver.with_clock(rig.clock());
+    start_and_hear(rig, &mut can);
+    frames.iter().for_each(|(frame, _)| rig.peer_sends(*frame));
+    assert_eq!(echo(&mut can, frames.len()), Ok(()));
+    poll(&mut can, 1);
+    let replies: Vec<BusFrame> = frames.iter().map(|(_, reply)| *reply).collect();
+    assert_eq!(rig.take_traffic(), (replies, 0));
+}
+
+#[test]
+fn a_program_of_the_blocking_trait_gets_and_sends_frames_of_each_kind_in_order() {
+    let rig = Rig::new();
+    check_echo(&rig, rig.exclusive(Attempts::UntilSent));
+    let rig = Rig::new();
+    check_echo(&rig, rig.shared(Attempts::UntilSent));
+}
+
+/// The numbers of the frames that passed each way.
+fn check_order<C: Instructions>(rig: &Rig, driver: Driver<C, Wire, Filters>) {
+    let mut can = driver.with_clock(rig.clock());
+    start_and_hear(rig, &mut can);
+    let id: Id = ExtendedId::new(0x0123_4567).unwrap().into();
+    (0..60).for_each(|n| rig.peer_sends(BusFrame::standard(0x400, &[n; 8])));
+    let (mut sent, mut received) = (0, vec![]);
+    for _ in 0..60 * MS / CALL {
+        let frame = AnyFrame::new(id, &[sent; 8]).unwrap();
+        if sent < 60 && nb::Can::transmit(&mut can, &frame).is_ok() {
+            sent += 1;
+        }
+        received.extend(nb::Can::receive(&mut can).map(|frame| frame.data()[0]));
+    }
+    let numbers: Vec<u8> = (0..60).collect();
+    assert_eq!(received, numbers);
+    let (frames, errors) = rig.take_traffic();
+    let frames: Vec<u8> = frames.iter().map(|frame| frame.data()[0]).collect();
+    assert_eq!((frames, errors), (numbers, 0));
+}
+
+#[test]
+fn frames_of_the_nonblocking_trait_stay_in_order_both_ways() {
+    let rig = Rig::new();
+    check_order(&rig, rig.exclusive(Attempts::UntilSent));
+    let rig = Rig::new();
+    check_order(&rig, rig.shared(Attempts::UntilSent));
+}
+
+#[test]
+fn on_a_shared_bus_a_frame_costs_two_transactions_to_receive_and_three_to_send() {
+    let rig = Rig::new();
+    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
+    start(&mut can);
+    rig.peer_sends(BusFrame::standard(1, &[1]));
+    rig.wire.0.borrow_mut().run(MS);
+    rig.take_cost();
+    assert!(can.driver().has_frame() && can.driver().receive_any().is_some());
+    assert_eq!(rig.take_cost(), (2, 2 + 14));
+    can.driver().find_room();
+    can.driver().transmit_any(&AnyFrame::new(StandardId::ZERO, &[]).unwrap());
+    assert_eq!(rig.take_cost(), (3, 2 + 16 + 1));
+}
+
+/// The halves are for a program whose interrupt handler receives frames in between.
+#[test]
+fn on_a_shared_bus_a_frame_is_sent_in_two_halves_or_in_one() {
+    let rig = Rig::new();
+    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
+    start(&mut can);
+    let frame = |n| mcp2515_ordered::Frame { id: [0x1F, 0xFF, 1, n], len: 2, data: [n; 8] };
+    let driver = can.driver();
+    driver.find_room();
+    driver.begin_transmit(&frame(0));
+    driver.finish_transmit(&frame(0));
+    driver.find_room();
+    driver.transmit(&frame(1));
+    poll(&mut can, 1);
+    let expected = [0, 1].map(|n| BusFrame::extended(0x1FFF_0100 + u32::from(n), &[n; 2]));
+    assert_eq!(rig.take_traffic(), (expected.to_vec(), 0));
+    rig.peer_sends(BusFrame::extended(0x1ABC_DEF0, &[7, 8]));
+    rig.wire.0.borrow_mut().run(MS);
+    let mut received = mcp2515_ordered::Frame::EMPTY;
+    assert!(can.driver().receive(&mut received));
+    assert_eq!((received.id, received.data()), ([0x1A, 0xBC, 0xDE, 0xF0], &[7, 8][..]));
+}
+
+#[test]
+fn on_a_shared_bus_a_chip_that_was_reset_is_noticed_and_started_again() {
+    let rig = Rig::new();
+    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
+    start(&mut can);
+    {
+        let mut world = rig.wire.0.borrow_mut();
+        world.select();
+        world.exchange(&mut [0xC0]);
+        world.deselect();
+        world.run(MS);
+    }
+    assert_eq!(poll(&mut can, 50), [Event::Lost, Event::Running]);
+}
+
+#[test]
+fn in_listen_only_mode_the_chip_receives_and_neither_acknowledges_nor_sends() {
+    let rig = Rig::new();
+    let other = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
+    let other_port = rig.wire.0.borrow_mut().bus.attach("other", other);
+    let mut can = rig.shared(Attempts::Never).with_clock(rig.clock());
+    start(&mut can);
+    rig.peer_sends(BusFrame::standard(0x321, &[1, 2, 3]));
+    let frame = receive(&mut can, 5).expect("the other station acknowledges");
+    assert_eq!(
+        (frame.id(), frame.data()),
+        (StandardId::new(0x321).unwrap().into(), &[1, 2, 3][..])
+    );
+    assert_eq!(nb::Can::transmit(&mut can, &frame), Err(::nb::Error::Other(CanError::ListensOnly)));
+    assert_eq!(blocking::Can::transmit(&mut can, &frame), Err(CanError::ListensOnly));
+    // Nobody is left to acknowledge.
+    rig.wire.0.borrow_mut().bus.connect(other_port, false);
+    rig.take_traffic();
+    rig.peer_sends(BusFrame::standard(0x322, &[]));
+    poll(&mut can, 5);
+    let (frames, errors) = rig.take_traffic();
+    assert!(frames.is_empty() && errors > 3, "{frames:?} {errors}");
+}
+
+#[test]
+fn in_loopback_mode_the_chip_receives_its_own_frames_and_the_bus_gets_none() {
+    let rig = Rig::new();
+    let mut can = rig.shared(Attempts::ToItself).with_clock(rig.clock());
+    start(&mut can);
+    rig.peer_sends(BusFrame::standard(0x100, &[9]));
+    for n in 0..20 {
+        let frame = AnyFrame::new(StandardId::new(n).unwrap(), &[n as u8]).unwrap();
+        assert_eq!(blocking::Can::transmit(&mut can, &frame), Ok(()));
+        assert_eq!(receive(&mut can, 5), Some(frame));
+    }
+    let (frames, _) = rig.take_traffic();
+    assert!(frames.is_empty(), "{frames:?}");
+}
+
+/// The peer is unplugged, so that nobody acknowledges.
+#[test]
+fn a_one_shot_frame_is_tried_once_and_another_one_until_the_driver_gives_it_up() {
+    let attempts = |attempts| {
+        let rig = Rig::new();
+        let mut can = rig.shared(attempts).with_clock(rig.clock());
+        start_and_hear(&rig, &mut can);
+        rig.wire.0.borrow_mut().bus.connect(rig.peer_port, false);
+        let frame = AnyFrame::new(StandardId::ZERO, &[]).unwrap();
+        assert_eq!(blocking::Can::transmit(&mut can, &frame), Ok(()));
+        poll(&mut can, 20);
+        rig.take_traffic().1
+    };
+    assert_eq!(attempts(Attempts::Once), 1);
+    assert!(attempts(Attempts::UntilSent) >= 16);
+}
+
+#[test]
+fn a_blocking_call_returns_an_error_if_nobody_acknowledges_or_no_chip_answers() {
+    let frame = AnyFrame::new(StandardId::ZERO, &[]).unwrap();
+    let rig = Rig::new();
+    rig.wire.0.borrow_mut().bus.connect(rig.peer_port, false);
+    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
+    let error = (0..10_000).find_map(|_| blocking::Can::transmit(&mut can, &frame).err());
+    let error = error.expect("the frames that wait are given up");
+    assert_eq!(error.kind(), ErrorKind::Acknowledge, "{error:?}");
+
+    let rig = Rig::new();
+    rig.wire.0.borrow_mut().is_absent = true;
+    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
+    let error = blocking::Can::transmit(&mut can, &frame).unwrap_err();
+    let notice = Notice { event: Event::NotAnswering, value: 0xFF };
+    assert_eq!((error, error.kind()), (CanError::Notice(notice), ErrorKind::Other));
+}
+
+#[test]
+fn lost_frames_are_an_overrun_after_the_frames_that_were_kept() {
+    let rig = Rig::new();
+    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
+    start(&mut can);
+    (0..5).for_each(|n| rig.peer_sends(BusFrame::standard(n, &[])));
+    rig.wire.0.borrow_mut().run(5 * MS);
+    let mut calls = vec![];
+    for _ in 0..20 * MS / CALL {
+        match nb::Can::receive(&mut can) {
+            Ok(frame) => calls.push(Ok(frame.id())),
+            Err(::nb::Error::Other(error)) => calls.push(Err(error.kind())),
+            Err(::nb::Error::WouldBlock) => {}
+        }
+    }
+    let id = |raw| Ok(StandardId::new(raw).unwrap().into());
+    assert_eq!(calls, [id(0), id(1), Err(ErrorKind::Overrun)]);
+}
