@@ -64,19 +64,16 @@ impl Id {
     /// Makes the identifier of an anonymous message. It holds only the lower two bits of the data
     /// type ID, and the lower 14 bits of `discriminator`. The discriminator is random or a
     /// checksum of the payload, so that two nodes do not send the same identifier.
-    #[inline(always)]
     pub const fn anonymous(priority: u8, data_type: u16, discriminator: u16) -> Self {
         Self::message(priority, discriminator << 2 | data_type & Self::ANONYMOUS_TYPE as u16, 0)
     }
 
     /// Makes the identifier of a request to a node.
-    #[inline(always)]
     pub const fn request(priority: u8, service: u8, destination: u8, source: u8) -> Self {
         Self([priority, service, Self::REQUEST | destination, Self::SERVICE | source])
     }
 
     /// Makes the identifier of the response to a request.
-    #[inline(always)]
     pub const fn response(priority: u8, service: u8, destination: u8, source: u8) -> Self {
         Self([priority, service, destination, Self::SERVICE | source])
     }
@@ -88,7 +85,6 @@ impl Id {
     }
 
     /// True for a service, false for a message.
-    #[inline(always)]
     pub const fn is_service(self) -> bool {
         self.0[byte::SOURCE] & Self::SERVICE != 0
     }
@@ -100,37 +96,36 @@ impl Id {
     }
 
     /// The lower two bits of the data type ID of an anonymous message.
-    #[inline(always)]
     pub const fn anonymous_data_type(self) -> u8 {
         self.0[byte::DATA_TYPE_LOW] & Self::ANONYMOUS_TYPE
     }
 
     /// The service ID of a service.
-    #[inline(always)]
     pub const fn service(self) -> u8 {
         self.0[byte::SERVICE]
     }
 
     /// True for a request, false for a response. Only for a service.
-    #[inline(always)]
     pub const fn is_request(self) -> bool {
         self.0[byte::DESTINATION] & Self::REQUEST != 0
     }
 
     /// True for a request to `node`. Only for a service.
-    #[inline(always)]
     pub const fn is_request_to(self, node: u8) -> bool {
         self.0[byte::DESTINATION] == Self::REQUEST | node
     }
 
+    /// True for a response to `node`. Only for a service.
+    pub const fn is_response_to(self, node: u8) -> bool {
+        self.0[byte::DESTINATION] == node
+    }
+
     /// The node ID of the receiver of a service.
-    #[inline(always)]
     pub const fn destination(self) -> u8 {
         self.0[byte::DESTINATION] & Self::NODE
     }
 
     /// The node ID of the sender: 1 to 127, or 0 if the sender is anonymous.
-    #[inline(always)]
     pub const fn source(self) -> u8 {
         self.0[byte::SOURCE] & Self::NODE
     }
@@ -189,7 +184,6 @@ impl Tail {
     }
 
     /// True if the toggle bit is set.
-    #[inline(always)]
     pub const fn toggle(self) -> bool {
         self.0 & Self::TOGGLE != 0
     }
@@ -202,7 +196,6 @@ impl Tail {
 
     /// True if a frame with this tail can follow a frame with the tail `before`: the transfer ID is
     /// the same and the toggle bit is inverted.
-    #[inline(always)]
     pub const fn follows(self, before: Self) -> bool {
         (before.0 ^ self.0) & (Self::TOGGLE | Self::TRANSFER_ID) == Self::TOGGLE
     }

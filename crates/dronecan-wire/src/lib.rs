@@ -9,14 +9,17 @@ pub mod esc;
 pub mod float16;
 #[cfg(any(test, feature = "golden"))]
 pub mod golden;
+mod length;
 mod node_id;
 pub mod receive;
 pub mod send;
 pub mod types;
 
 pub use bits::{Id, Tail};
+pub use length::Length;
 pub use node_id::NodeId;
 pub use receive::{
-    CompleteFirst, Policy, Received, Receiver, Rejection, Segment, Slot, Transfer, Verdict,
+    CompleteFirst, LongReceiver, Policy, Received, Receiver, Rejection, Segment, Slot, Transfer,
+    Verdict,
 };
-pub use send::{Buffer, Data, Payload, Sender};
+pub use send::{Buffer, Data, LongSender, Payload, Sender};

@@ -18,9 +18,9 @@
 //!   else a free lane, else the lane of another sender, whose transfer is then lost and reported.
 //! * A transfer keeps its lane for [`Policy::HOLD_MS`] after each frame, unless another sender has
 //!   the higher [claim](Policy::claim). The receiver itself knows no sender.
-//! * A frame continues a transfer of the same sender and type if its tail [follows](Tail::follows)
-//!   the last one. The receiver ignores any other frame that is not a first frame: either it came
-//!   twice, or its transfer was lost and reported before.
+//! * A frame continues a transfer of the same sender and type if its tail
+//!   [follows](crate::Tail::follows) the last one. The receiver ignores any other frame that is not
+//!   a first frame: either it came twice, or its transfer was lost and reported before.
 //! * A transfer whose next frame does not come within [`LIST_FRAME_TIMEOUT_MS`] or
 //!   [`FRAME_TIMEOUT_MS`] is lost: see [`Receiver::expire`].
 //! * A single-frame transfer needs no lane, so it is always received.
@@ -37,6 +37,8 @@ use lanes::Lanes;
 pub use policy::{CompleteFirst, Policy};
 pub use segment::{Rejection, Segment, Verdict};
 pub use transfer::{Slot, Transfer};
+
+use crate::length::Length;
 
 /// The longest time between two frames of a list (a transfer in a [list
 /// lane](Received::has_own_lanes)), in milliseconds. A list commands something, so a late frame
@@ -108,6 +110,9 @@ pub trait Received: Copy + PartialEq {
     /// them byte by byte.
     const TAKES_ENTRIES: bool = false;
 
+    /// True if the node receives responses: it implements [`of_response`](Self::of_response).
+    const TAKES_RESPONSES: bool = false;
+
     /// Returns the message with this data type ID, or [`UNKNOWN`](Self::UNKNOWN).
     fn of_message(data_type: u16) -> Self;
 
@@ -118,12 +123,19 @@ pub trait Received: Copy + PartialEq {
     /// [`UNKNOWN`](Self::UNKNOWN). Most nodes always return [`UNKNOWN`](Self::UNKNOWN). `node`
     /// is this node's own ID, or 0: a node without an ID may evaluate how other nodes request an
     /// ID.
-    #[inline(always)]
     fn of_anonymous(_data_type: u8, _node: u8) -> Self {
         Self::UNKNOWN
     }
 
-    /// True for a request, false for a message.
+    /// Returns the response with this service ID, or [`UNKNOWN`](Self::UNKNOWN). It needs a value
+    /// of its own if the node also receives the requests of the service. A node that also
+    /// receives other transfers of several frames from the server sets
+    /// [`LANE_FOR_EACH_TYPE`](Self::LANE_FOR_EACH_TYPE).
+    fn of_response(_service: u8) -> Self {
+        Self::UNKNOWN
+    }
+
+    /// True for a request, false for a message or a response.
     fn is_request(self) -> bool;
 
     /// True if a transfer may have several frames. The receiver rejects multi-frame transfers of
@@ -133,7 +145,6 @@ pub trait Received: Copy + PartialEq {
     /// The length of an entry of a list in bytes. The first byte of an entry is the ID that the
     /// entry is for; the receiver keeps the last entry with the ID of this node. 0 for a type
     /// that is not a list: the receiver keeps its payload from the beginning.
-    #[inline(always)]
     fn entry_len(self) -> u8 {
         0
     }
@@ -141,13 +152,11 @@ pub trait Received: Copy + PartialEq {
     /// True for a type whose transfers have the lanes of lists, for which the timeout is shorter.
     /// All lists, unless the program says otherwise: another type of command may need these lanes,
     /// too.
-    #[inline(always)]
     fn has_own_lanes(self) -> bool {
         self.entry_len() != 0
     }
 
     /// The largest number of entries of a list.
-    #[inline(always)]
     fn most_entries(self) -> u8 {
         u8::MAX
     }
@@ -155,7 +164,6 @@ pub trait Received: Copy + PartialEq {
     /// For a request, if [`TAKES_ENTRIES`](Self::TAKES_ENTRIES): the number of payload bytes that
     /// the receiver leaves out after the first three, with which `head` begins. So a text that is
     /// of no use to the node does not take the place of what follows it.
-    #[inline(always)]
     fn left_out(self, _head: &[u8]) -> u8 {
         0
     }
@@ -166,7 +174,8 @@ pub trait Received: Copy + PartialEq {
 
 /// Reassembles transfers: `LISTS` multi-frame lists and `OTHERS` other multi-frame transfers at the
 /// same time. It keeps `KEPT` bytes of each, which must be enough for the longest entry of a list.
-/// `P` decides which sender has a lane. See the [module](self).
+/// `P` decides which sender has a lane, and `L` counts the bytes of a payload: for payloads of more
+/// than 255 bytes there is [`LongReceiver`]. See the [module](self).
 #[derive(Clone)]
 pub struct Receiver<
     K,
@@ -174,8 +183,9 @@ pub struct Receiver<
     const OTHERS: usize,
     const KEPT: usize,
     P = CompleteFirst,
+    L = u8,
 > {
-    lanes: Lanes<K, LISTS, OTHERS, KEPT>,
+    lanes: Lanes<K, LISTS, OTHERS, KEPT, L>,
     policy: P,
 }
 
@@ -203,11 +213,33 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
     pub const fn with_policy(policy: P) -> Self {
         Self { lanes: Lanes::EMPTY, policy }
     }
+}
 
+/// A receiver of payloads of up to 65,535 bytes, of which it can keep 32,767.
+pub type LongReceiver<
+    K,
+    const LISTS: usize,
+    const OTHERS: usize,
+    const KEPT: usize,
+    P = CompleteFirst,
+> = Receiver<K, LISTS, OTHERS, KEPT, P, u16>;
+
+impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P: Policy>
+    LongReceiver<K, LISTS, OTHERS, KEPT, P>
+{
+    /// A long receiver without transfers, with a policy such as [`CompleteFirst::NEW`].
+    pub const fn long(policy: P) -> Self {
+        Self { lanes: Lanes::EMPTY, policy }
+    }
+}
+
+impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P: Policy, L: Length>
+    Receiver<K, LISTS, OTHERS, KEPT, P, L>
+{
     /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so,
     /// and at least every 30 s, because the clock wraps.
     #[inline(always)]
-    pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT>> {
+    pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT, L>> {
         let lost = self.lanes.expire(now_ms)?;
         self.policy.lost(lost.source);
         Some(lost)
@@ -232,7 +264,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
     }
 
     /// The lanes of lists. A lane is free if its transfer [is not open](Transfer::is_open).
-    pub fn lists(&self) -> &[Transfer<K, KEPT>; LISTS] {
+    pub fn lists(&self) -> &[Transfer<K, KEPT, L>; LISTS] {
         &self.lanes.lists
     }
 
@@ -244,7 +276,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
         segment: Segment<'_, K>,
         own_id: u8,
         now_ms: u16,
-    ) -> Verdict<'_, K, KEPT> {
+    ) -> Verdict<'_, K, KEPT, L> {
         self.accept_entries(segment, |id| (id == own_id).then_some(Slot::new(0)), now_ms)
     }
 
@@ -256,7 +288,7 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
         mut segment: Segment<'_, K>,
         slot_of: impl Fn(u8) -> Option<Slot>,
         now_ms: u16,
-    ) -> Verdict<'_, K, KEPT> {
+    ) -> Verdict<'_, K, KEPT, L> {
         let Segment { kind, source, tail, .. } = segment;
         let entry_len = kind.entry_len();
         let Self { lanes, policy } = self;

@@ -10,6 +10,7 @@
 
 use crate::bits::Tail;
 use crate::crc;
+use crate::length::Length;
 
 /// Payload bytes that one step makes at most.
 pub const BYTES_PER_STEP: u8 = 4;
@@ -17,28 +18,28 @@ pub const BYTES_PER_STEP: u8 = 4;
 /// Payload bytes in a frame, before the tail byte.
 pub const BYTES_PER_FRAME: u8 = 7;
 
-/// The bytes to send.
-pub trait Payload {
+/// The bytes to send. `L` counts them: `u16` for more than 255 bytes.
+pub trait Payload<L: Length = u8> {
     /// The number of bytes.
-    fn len(&self) -> u8;
+    fn len(&self) -> L;
 
     /// True if there are no bytes.
     fn is_empty(&self) -> bool {
-        self.len() == 0
+        self.len().is(L::ZERO)
     }
 
     /// Returns the byte at index `at`, which is less than [`len`](Self::len).
-    fn byte(&self, at: u8) -> u8;
+    fn byte(&self, at: L) -> u8;
 }
 
-/// Sends the first 255 bytes of the slice.
-impl Payload for [u8] {
-    fn len(&self) -> u8 {
-        u8::try_from(self.len()).unwrap_or(u8::MAX)
+/// Sends at most the first 255 or 65,535 bytes of the slice.
+impl<L: Length> Payload<L> for [u8] {
+    fn len(&self) -> L {
+        L::of(self)
     }
 
-    fn byte(&self, at: u8) -> u8 {
-        self.get(usize::from(at)).copied().unwrap_or(0)
+    fn byte(&self, at: L) -> u8 {
+        self.get(at.index()).copied().unwrap_or(0)
     }
 }
 
@@ -101,7 +102,8 @@ enum Stage {
     LastReady,
 }
 
-/// Makes the frames of one transfer at a time: see the [module](self).
+/// Makes the frames of one transfer at a time: see the [module](self). `L` counts the bytes of the
+/// payload: for more than 255 bytes there is [`LongSender`].
 ///
 /// ```
 /// use dronecan_wire::{Data, Id, Sender, types};
@@ -123,10 +125,10 @@ enum Stage {
 /// assert_eq!(frames, 2);
 /// ```
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Sender {
+pub struct Sender<L = u8> {
     stage: Stage,
     /// Index of the next byte.
-    at: u8,
+    at: L,
     crc: u16,
     /// Tail of the next frame, without [`Tail::END`].
     tail: u8,
@@ -137,7 +139,19 @@ impl Sender {
     pub const fn new() -> Self {
         Self { stage: Stage::Idle, at: 0, crc: 0, tail: 0 }
     }
+}
 
+/// A sender of payloads of up to 65,535 bytes.
+pub type LongSender = Sender<u16>;
+
+impl LongSender {
+    /// A long sender without a transfer.
+    pub const fn long() -> Self {
+        Self { stage: Stage::Idle, at: 0, crc: 0, tail: 0 }
+    }
+}
+
+impl<L: Length> Sender<L> {
     /// True from [`begin`](Self::begin) until [`sent`](Self::sent) for the last frame.
     #[inline(always)]
     pub fn is_busy(&self) -> bool {
@@ -153,11 +167,12 @@ impl Sender {
     /// Begins a transfer of `len` bytes of payload. `transfer_id` is 0 to 31. `seed` is the seed of
     /// the type (see [`types`](crate::types)); it has no effect on a single-frame transfer.
     #[inline(always)]
-    pub fn begin(&mut self, len: u8, transfer_id: u8, seed: u16) {
+    pub fn begin(&mut self, len: L, transfer_id: u8, seed: u16) {
         self.tail = Tail::START | transfer_id;
         self.crc = seed;
-        self.at = 0;
-        self.stage = if len > BYTES_PER_FRAME { Stage::Summing } else { Stage::Making };
+        self.at = L::ZERO;
+        self.stage =
+            if L::from_u8(BYTES_PER_FRAME).is_below(len) { Stage::Summing } else { Stage::Making };
     }
 
     /// Makes the next bytes, at most to the end of the frame. Call it until
@@ -165,7 +180,7 @@ impl Sender {
     /// empty at the beginning of the frame. Do not call it while a frame is ready or without a
     /// transfer.
     #[inline(always)]
-    pub fn step(&mut self, payload: &(impl Payload + ?Sized), buffer: &mut impl Buffer) {
+    pub fn step(&mut self, payload: &(impl Payload<L> + ?Sized), buffer: &mut impl Buffer) {
         if let Some(tail) = self.fill(payload, buffer) {
             buffer.push(tail.0);
         }
@@ -176,17 +191,17 @@ impl Sender {
     #[inline(always)]
     pub fn fill(
         &mut self,
-        payload: &(impl Payload + ?Sized),
+        payload: &(impl Payload<L> + ?Sized),
         buffer: &mut impl Buffer,
     ) -> Option<Tail> {
         let mut left = BYTES_PER_STEP;
-        while self.at < payload.len() && buffer.len() < BYTES_PER_FRAME {
+        while self.at.is_below(payload.len()) && buffer.len() < BYTES_PER_FRAME {
             if left == 0 {
                 return None;
             }
             left -= 1;
             let byte = payload.byte(self.at);
-            self.at += 1;
+            self.at = self.at.plus(L::from_u8(1));
             if self.stage == Stage::Summing {
                 self.crc = crc::add(self.crc, byte);
             } else {
@@ -194,7 +209,7 @@ impl Sender {
             }
         }
         if self.stage == Stage::Summing {
-            self.at = 0;
+            self.at = L::ZERO;
             self.stage = Stage::Making;
             let [low, high] = self.crc.to_le_bytes();
             buffer.push(low);
@@ -203,7 +218,7 @@ impl Sender {
         }
         let mut tail = self.tail;
         self.stage = Stage::Ready;
-        if self.at == payload.len() {
+        if self.at.is(payload.len()) {
             self.stage = Stage::LastReady;
             tail |= Tail::END;
         }
@@ -255,7 +270,8 @@ mod tests {
 
     #[test]
     fn a_payload_and_a_buffer_without_bytes_are_empty() {
-        assert!(Payload::is_empty(&[][..]) && !Payload::is_empty(&[0][..]));
+        let is_empty = <[u8] as Payload>::is_empty;
+        assert!(is_empty(&[]) && !is_empty(&[0]));
         let empty = |len| Buffer::is_empty(&Data { bytes: [0; 8], len });
         assert!(empty(0) && !empty(1));
     }
@@ -267,7 +283,7 @@ mod tests {
         payload: &[u8],
     ) -> (Vec<Frame>, Vec<usize>) {
         let mut sender = Sender::new();
-        sender.begin(Payload::len(payload), transfer_id, crc::seed(signature));
+        sender.begin(<[u8] as Payload>::len(payload), transfer_id, crc::seed(signature));
         sent(&mut sender, id, payload)
     }
 

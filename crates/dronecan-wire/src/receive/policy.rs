@@ -12,17 +12,50 @@
 /// transfer that is rejected, or loses its lane to a higher claim, is not reported either: its
 /// sender did nothing wrong.
 ///
+/// [`Receiver::with_policy`](super::Receiver::with_policy) takes a policy of your own. With this
+/// one nobody keeps the autopilot out:
+///
 /// ```
-/// use dronecan_wire::Policy;
+/// use dronecan_wire::{Id, Policy, Receiver, Segment, Verdict};
+/// # use dronecan_wire::{Received, types};
+/// # #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// # enum Kind { Unknown, ArrayCommand }
+/// # impl Received for Kind {
+/// #     const UNKNOWN: Self = Self::Unknown;
+/// #     fn of_message(id: u16) -> Self {
+/// #         if id == types::ARRAY_COMMAND.id { Self::ArrayCommand } else { Self::Unknown }
+/// #     }
+/// #     fn of_request(_service: u8) -> Self { Self::Unknown }
+/// #     fn is_request(self) -> bool { false }
+/// #     fn is_multi_frame(self) -> bool { true }
+/// #     fn entry_len(self) -> u8 { 4 }
+/// #     fn seed(self) -> u16 { types::ARRAY_COMMAND.seed }
+/// # }
 ///
-/// /// The sender with the lower node ID has the lane.
-/// struct LowerFirst;
+/// struct AutopilotFirst {
+///     autopilot: u8,
+/// }
 ///
-/// impl Policy for LowerFirst {
+/// impl Policy for AutopilotFirst {
 ///     fn claim(&self, source: u8, _now_ms: u16) -> u8 {
-///         127 - source
+///         u8::from(source == self.autopilot)
 ///     }
 /// }
+///
+/// // One lane for lists. Node 20 begins an ArrayCommand, and the autopilot sends a whole one.
+/// let mut receiver = Receiver::<Kind, 1, 1, 8, _>::with_policy(AutopilotFirst { autopilot: 10 });
+/// let (node, actuator, now_ms) = (42, 2, 0);
+/// let first = [0x12, 0xF3, 0x01, 0x00, 0x00, 0x38, 0x02, 0x88];
+/// let last = [0x00, 0x00, 0xBC, 0x03, 0x04, 0xDC, 0x65, 0x68];
+/// for (source, data) in [(20, first), (10, first), (10, last)] {
+///     let id = Id::message(16, types::ARRAY_COMMAND.id, source);
+///     let segment = Segment::read(id, &data, node).unwrap();
+///     if let Verdict::Message(command) = receiver.accept(segment, actuator, now_ms) {
+///         assert_eq!(command.source, 10);
+/// #       return;
+///     }
+/// }
+/// # panic!("no command was received");
 /// ```
 pub trait Policy {
     /// A transfer keeps its lane for this time after each frame, in milliseconds, unless another
@@ -40,17 +73,14 @@ pub trait Policy {
 
     /// A sender completed a transfer that has something for this node. A list without an entry for
     /// this node is not reported.
-    #[inline(always)]
     fn completed(&mut self, _source: u8, _now_ms: u16) {}
 
     /// A transfer of a sender was lost: it expired, its CRC is wrong, its sender began another one
     /// before its end, or its next frame did not come before the lane had another use.
-    #[inline(always)]
     fn lost(&mut self, _source: u8) {}
 
     /// The program has no use for a complete transfer of a sender: see
     /// [`Receiver::refused`](super::Receiver::refused).
-    #[inline(always)]
     fn refused(&mut self, source: u8) {
         self.lost(source);
     }

@@ -22,14 +22,15 @@ pub struct Segment<'a, K> {
 
 /// The result of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict<'a, K, const KEPT: usize> {
+pub enum Verdict<'a, K, const KEPT: usize, L = u8> {
     /// Accepted. The transfer is not complete yet; or ignored, because the frame came twice or its
     /// transfer was lost.
     More,
-    /// The frame completed a message.
-    Message(&'a Transfer<K, KEPT>),
+    /// The frame completed a message; or a response to this node, whose
+    /// [transfer ID](Transfer::transfer_id) the program compares with that of its request.
+    Message(&'a Transfer<K, KEPT, L>),
     /// The frame completed a request to this node.
-    Request(&'a Transfer<K, KEPT>),
+    Request(&'a Transfer<K, KEPT, L>),
     /// The frame is dropped, or it caused another transfer to be dropped.
     Rejected(Rejection),
 }
@@ -41,7 +42,7 @@ pub enum Rejection {
     OwnId,
     /// The sender is anonymous.
     Anonymous,
-    /// A message or service that the node does not receive, or a request to another node.
+    /// A message or service that the node does not receive, or a service for another node.
     Unknown,
     /// The frame has no tail byte; it is a first frame with its toggle bit set, or too short for
     /// the CRC; or its transfer has several frames and must have one.
@@ -86,6 +87,8 @@ impl<'a, K: Received> Segment<'a, K> {
             K::of_message(id.data_type())
         } else if node != 0 && id.is_request_to(node) {
             K::of_request(id.service())
+        } else if K::TAKES_RESPONSES && node != 0 && id.is_response_to(node) {
+            K::of_response(id.service())
         } else {
             return Err(Rejection::Unknown);
         };

@@ -1,5 +1,6 @@
 //! Receives frames that another implementation made, and their faults.
 
+use std::vec;
 use std::vec::Vec;
 
 use super::*;
@@ -11,6 +12,7 @@ mod lanes;
 mod payload;
 mod policy;
 mod rejected;
+mod services;
 
 const ME: u8 = 120;
 const ACTUATOR: u8 = 1;

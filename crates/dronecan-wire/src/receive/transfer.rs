@@ -3,6 +3,7 @@
 use super::{Policy, Received, Rejection, Segment, Verdict};
 use crate::bits::Tail;
 use crate::crc;
+use crate::length::Length;
 
 /// A place for an entry of a list. A transfer has up to eight.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,13 +28,10 @@ impl Slot {
 /// Number of bytes before those that [`Received::left_out`] counts.
 const HEAD_LEN: u8 = 3;
 
-/// The place of an entry that is not kept.
-const NOWHERE: u8 = 0x80;
-
-/// A transfer that is being received, or is complete. Each lane of the [`Receiver`] holds one
-/// transfer.
+/// A transfer that is being received, or is complete. Each lane of the
+/// [`Receiver`](crate::Receiver) holds one transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Transfer<K, const KEPT: usize> {
+pub struct Transfer<K, const KEPT: usize, L = u8> {
     /// The transfer is not complete.
     pub(super) is_open: bool,
     /// The type of the transfer.
@@ -44,12 +42,12 @@ pub struct Transfer<K, const KEPT: usize> {
     pub priority: u8,
     /// Tail of the last frame.
     pub(super) tail: Tail,
-    /// Number of payload bytes so far, at most 255. In a list: number of bytes of the current
-    /// entry.
-    pub(super) len: u8,
-    /// Where the receiver keeps the payload; in a list, the current entry. [`NOWHERE`] for an
-    /// entry that is not for this node.
-    pub(super) kept_at: u8,
+    /// Number of payload bytes so far, at most the largest value. In a list: number of bytes of the
+    /// current entry.
+    pub(super) len: L,
+    /// Where the receiver keeps the payload; in a list, the current entry. `NOWHERE` of [`Length`]
+    /// for an entry that is not for this node.
+    pub(super) kept_at: L,
     /// In a list: the bits of the slots with an entry.
     pub(super) slots: u8,
     /// In a list: number of complete entries. Else: number of bytes that are still to be left out,
@@ -69,15 +67,15 @@ const LATE: u16 = 1;
 /// A frame has just come. The claim of the sender is added.
 const HELD: u16 = 2;
 
-impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
+impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
     pub(super) const NONE: Self = Self {
         is_open: false,
         kind: K::UNKNOWN,
         source: 0,
         priority: 0,
         tail: Tail(0),
-        len: 0,
-        kept_at: 0,
+        len: L::ZERO,
+        kept_at: L::ZERO,
         slots: 0,
         entries: 0,
         expires_ms: 0,
@@ -117,26 +115,24 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     /// if the list has no entry for this node.
     #[inline(always)]
     pub fn payload(&self) -> &[u8] {
-        self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
+        self.bytes.get(..self.len.index()).unwrap_or(&self.bytes)
     }
 
     /// The payload from this byte on. `None` if it is shorter, or if the receiver did not keep all
     /// of it.
-    #[inline(always)]
-    pub fn payload_from(&self, at: u8) -> Option<&[u8]> {
-        self.bytes.get(usize::from(at)..usize::from(self.len))
+    pub fn payload_from(&self, at: L) -> Option<&[u8]> {
+        self.bytes.get(at.index()..self.len.index())
     }
 
-    /// Length of the payload in bytes, at most 255. Counts also the bytes that were not kept. For a
-    /// list: as [`payload`](Self::payload).
+    /// Length of the payload in bytes, at most the largest value of `L`. Counts also the bytes that
+    /// were not kept. For a list: as [`payload`](Self::payload).
     #[inline(always)]
     #[allow(clippy::len_without_is_empty, reason = "not needed")]
-    pub fn len(&self) -> u8 {
+    pub fn len(&self) -> L {
         self.len
     }
 
     /// True if the payload ended before all bytes came that [`Received::left_out`] counts.
-    #[inline(always)]
     pub fn is_too_short(&self) -> bool {
         K::TAKES_ENTRIES && self.entries != 0
     }
@@ -150,13 +146,11 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
 
     /// True for `hold_ms` after a frame of a transfer that is not complete. `expires_ms`: when a
     /// transfer would expire whose frame came now.
-    #[inline(always)]
     pub(super) fn is_held(&self, hold_ms: u16, expires_ms: u16) -> bool {
         self.is_open && expires_ms.wrapping_sub(self.expires_ms) < hold_ms
     }
 
     /// True if a transfer of this sender and type has this lane.
-    #[inline(always)]
     pub(super) fn is_of(&self, source: u8, kind: K) -> bool {
         self.source == source && (!K::LANE_FOR_EACH_TYPE || self.kind == kind)
     }
@@ -182,14 +176,13 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
         self.kind = kind;
         self.source = source;
         self.priority = priority;
-        self.len = 0;
-        self.kept_at = 0;
+        self.len = L::ZERO;
+        self.kept_at = L::ZERO;
         self.slots = 0;
         self.entries = 0;
     }
 
     /// True if a frame continues the transfer.
-    #[inline(always)]
     pub(super) fn is_continued_by(&self, segment: &Segment<'_, K>) -> bool {
         self.kind == segment.kind && segment.tail.follows(self.tail)
     }
@@ -216,30 +209,24 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     }
 
     /// True if the CRC of the transfer is right.
-    #[inline(always)]
     pub(super) fn is_intact(&self) -> bool {
         self.sum.to_le_bytes() == self.crc
     }
 
     /// Returns the complete transfer. A list must end after an entry, and have as many entries as
     /// its type may have.
-    #[inline(always)]
-    pub(super) fn complete(&mut self, kind: K, entry_len: u8) -> Verdict<'_, K, KEPT> {
+    pub(super) fn complete(&mut self, kind: K, entry_len: u8) -> Verdict<'_, K, KEPT, L> {
         if entry_len != 0 {
-            if self.len != 0 || self.entries > kind.most_entries() {
+            if !self.len.is(L::ZERO) || self.entries > kind.most_entries() {
                 return Verdict::Rejected(Rejection::Length);
             }
-            self.len = if self.slots != 0 { entry_len } else { 0 };
+            self.len = if self.slots != 0 { L::from_u8(entry_len) } else { L::ZERO };
         }
         if kind.is_request() { Verdict::Request(self) } else { Verdict::Message(self) }
     }
 
     /// Adds payload bytes. For a list see [`Received::entry_len`].
     #[inline(always)]
-    #[allow(
-        clippy::implicit_saturating_add,
-        reason = "of LLVM 22 it takes 8 instructions a byte instead of 3"
-    )]
     pub(super) fn take(
         &mut self,
         payload: &[u8],
@@ -252,21 +239,22 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             if self.is_open {
                 self.sum = crc::add(self.sum, byte);
             }
-            if entry_len != 0 && len == 0 {
-                kept_at = NOWHERE;
+            if entry_len != 0 && len.is(L::ZERO) {
+                kept_at = L::NOWHERE;
                 if let Some(slot) = slot_of(byte) {
-                    kept_at = slot.at;
+                    kept_at = L::from_u8(slot.at);
                     self.slots |= slot.bits;
                 }
             }
-            if let Some(place) = self.bytes.get_mut(usize::from(kept_at.wrapping_add(len))) {
+            if let Some(place) = self.bytes.get_mut(kept_at.plus(len).index()) {
                 *place = byte;
             }
-            if len != u8::MAX {
-                len += 1;
+            // Of a saturating addition LLVM 22 makes 8 instructions in place of 3.
+            if !len.is(L::MAX) {
+                len = len.plus(L::from_u8(1));
             }
-            if len == entry_len {
-                len = 0;
+            if len.is(L::from_u8(entry_len)) {
+                len = L::ZERO;
                 // Of more than 255 entries a wrong CRC would match once in 65,536 times.
                 self.entries = self.entries.wrapping_add(1);
             }
@@ -275,7 +263,6 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
     }
 
     /// The same in less time: looks up the slot once for all bytes of an entry.
-    #[inline(always)]
     pub(super) fn take_entries(
         &mut self,
         payload: &[u8],
@@ -291,24 +278,24 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             // A payload is at most seven bytes of a frame.
             let mut run = rest.len() as u8;
             if entry_len != 0 {
-                if len == 0 {
-                    kept_at = NOWHERE;
+                if len.is(L::ZERO) {
+                    kept_at = L::NOWHERE;
                     if let Some(slot) = slot_of(first) {
-                        kept_at = slot.at;
+                        kept_at = L::from_u8(slot.at);
                         self.slots |= slot.bits;
                     }
                 }
-                run = run.min(entry_len - len);
+                run = run.min(entry_len - len.low());
             }
-            let mut at = kept_at.wrapping_add(len);
-            len = len.saturating_add(run);
+            let mut at = kept_at.plus(len);
+            len = len.plus_at_most(run);
             // Four bytes at once, which are a whole entry of an ArrayCommand: 60 cycles less.
             if run == Slot::LEN
                 && let Some((entry, later)) = rest.split_first_chunk::<{ Slot::LEN as usize }>()
             {
                 rest = later;
                 run = 0;
-                let places = self.bytes.get_mut(usize::from(at)..);
+                let places = self.bytes.get_mut(at.index()..);
                 if let Some(place) = places.and_then(|places| places.first_chunk_mut()) {
                     *place = *entry;
                 }
@@ -316,14 +303,14 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
             while run != 0 {
                 let Some((&byte, later)) = rest.split_first() else { break };
                 rest = later;
-                if let Some(place) = self.bytes.get_mut(usize::from(at)) {
+                if let Some(place) = self.bytes.get_mut(at.index()) {
                     *place = byte;
                 }
-                at = at.wrapping_add(1);
+                at = at.plus(L::from_u8(1));
                 run = run.wrapping_sub(1);
             }
-            if len == entry_len {
-                len = 0;
+            if len.is(L::from_u8(entry_len)) {
+                len = L::ZERO;
                 self.entries = self.entries.wrapping_add(1);
             }
         }
@@ -342,11 +329,11 @@ impl<K: Received, const KEPT: usize> Transfer<K, KEPT> {
                 self.entries -= 1;
                 continue;
             }
-            if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
+            if let Some(place) = self.bytes.get_mut(self.len.index()) {
                 *place = byte;
             }
-            self.len = self.len.saturating_add(1);
-            if self.len == HEAD_LEN {
+            self.len = self.len.plus_at_most(1);
+            if self.len.is(L::from_u8(HEAD_LEN)) {
                 self.entries = self.kind.left_out(&self.bytes);
             }
         }
