@@ -36,10 +36,11 @@ mod status {
 const RXF0SIDH: u8 = 0x00;
 const RXF3SIDH: u8 = 0x10;
 const RXM0SIDH: u8 = 0x20;
-const CNF3_ADDRESS: u8 = 0x28;
 const CANINTF: u8 = 0x2C;
 const CANSTAT: u8 = 0x0E;
 const CANCTRL: u8 = 0x0F;
+/// Counts errors in frames of others.
+const REC: u8 = 0x1D;
 const RXB0CTRL: u8 = 0x60;
 /// CANSTAT: the mode of the chip.
 const OPMOD: u8 = 0b1110_0000;
@@ -48,15 +49,15 @@ const BUKT: u8 = 1 << 2;
 /// SIDL: the identifier is extended.
 pub const EXIDE: u8 = 1 << 3;
 
-/// The mode that the loader wants, as in CANSTAT and CANCTRL: [`NORMAL`] or [`LISTEN_ONLY`].
+/// The mode that the loader wants, as in CANCTRL: [`NORMAL`], [`TRIAL`] or [`LISTEN_ONLY`].
 pub const MODE: Register = idle::GPIOR2;
 pub const NORMAL: u8 = 0;
+/// Normal and one-shot mode.
+pub const TRIAL: u8 = 1 << 3;
 pub const LISTEN_ONLY: u8 = 0b0110_0000;
 
-/// CANINTF: a buffer has a frame, and there was an error in a frame.
-pub const RX0IF: u8 = 1 << 0;
-pub const RX1IF: u8 = 1 << 1;
-pub const MERRF: u8 = 1 << 7;
+/// CANINTF: a frame was sent. With MERRF, there was an error in a frame, the register is negative.
+pub const TX0IF: u8 = 1 << 2;
 
 /// In the last byte of an identifier: the frame belongs to a service.
 pub const SERVICE: u8 = 1 << 7;
@@ -100,8 +101,8 @@ pub fn set_up_spi() {
     SPSR.write(SPI2X);
 }
 
-/// Resets the chip, and puts it on the bus in [`MODE`]. While it listens, it receives each frame
-/// with an extended identifier.
+/// Resets the chip, and puts it on the bus in [`MODE`]. While it listens, it receives each
+/// frame.
 #[inline(always)]
 pub fn configure() {
     begin(instruction::RESET);
@@ -120,20 +121,28 @@ pub fn configure() {
     end();
     begin_filters(RXF3SIDH, NODE_ID.read(), 3);
     end();
-    // Behind the masks follows the bit timing. After a reset the masks are zero, so that each frame
-    // matches (table 11-1).
-    if MODE.read() == NORMAL {
-        begin_filters(RXM0SIDH, NODE_ID_BITS, 2);
-    } else {
-        begin(instruction::WRITE);
-        exchange(CNF3_ADDRESS);
-    }
+    // Behind the masks follows the bit timing.
+    begin_filters(RXM0SIDH, NODE_ID_BITS, 2);
     exchange(CNF3.read());
     exchange(CNF2.read());
     exchange(CNF1.read());
     end();
-    write(RXB0CTRL, BUKT);
+    // The bits of LISTEN_ONLY are those of RXM, which turn the filters off. That of TRIAL cannot be
+    // written here.
+    write(RXB0CTRL, BUKT | MODE.read());
+    set_mode();
+}
+
+/// Puts the chip into [`MODE`].
+#[inline(always)]
+pub fn set_mode() {
     write(CANCTRL, MODE.read());
+}
+
+/// True if there was an error in a frame of others since the chip was set up.
+#[inline(always)]
+pub fn has_received_error() -> bool {
+    read(REC) != 0
 }
 
 /// Begins to write `count` filters or masks for services with `destination`. The caller may write

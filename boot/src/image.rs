@@ -2,7 +2,7 @@
 
 use core::arch::asm;
 
-use firmware::handover::{CRC_START, HEADER, HEADER_LENGTH, UNCHECKED};
+use firmware::handover::{CRC_START, HEADER, HEADER_LENGTH};
 use firmware::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR};
 
 use crate::crc;
@@ -17,23 +17,22 @@ pub const BOOT_SECTION: u16 = match u16::from_str_radix(env!("BOOT_SECTION"), 10
 /// Major and minor hardware version, as in the header of a program.
 pub const THIS_BOARD: u16 = u16::from_le_bytes([HARDWARE_MAJOR, HARDWARE_MINOR]);
 
-/// True if a program of this length can have a CRC and fits below the boot section.
+/// True if a program of this length can be checked and fits below the boot section. False for the
+/// zero of a program without a length.
 #[inline(always)]
 pub fn is_checkable(length: u16) -> bool {
-    // More than a page, because the first one is written by itself. So this is false for UNCHECKED,
-    // which is zero.
+    // More than a page, because the first one is written by itself.
     length.wrapping_sub(PAGE_LEN + 1) < BOOT_SECTION - PAGE_LEN
 }
 
-/// True if the program is for this board, and either unchecked or whole.
+/// True if the program is for this board and whole. While an upload or an update is incomplete, the
+/// header is that of the old program, or that of the new one, or erased. Each time the CRC of what
+/// the flash has is wrong.
 #[inline(always)]
 pub fn is_valid() -> bool {
-    if read_flash(HEADER) != THIS_BOARD {
-        return false;
-    }
     let length = read_flash(HEADER + HEADER_LENGTH as u16);
-    if !is_checkable(length) {
-        return length == UNCHECKED;
+    if read_flash(HEADER) != THIS_BOARD || !is_checkable(length) {
+        return false;
     }
     let mut crc = CRC_START;
     let mut address = 0;

@@ -1,24 +1,33 @@
 //! Listens before the loader sends, so that it does not disturb a bus of another bit rate.
 //!
 //! In listen-only mode the controller neither acknowledges frames nor sends error frames
-//! (DS20001801J 10.3). The loader leaves this mode when it has received a whole frame: then the bit
-//! rate is right. If it has seen errors in a second, it tries the next of the board's bit rates.
-//! After [`SILENCE_LIMIT_S`] seconds with neither it takes the bit rate of the record: at a wrong
-//! rate, too, traffic would have caused errors.
+//! (DS20001801J 10.3). It receives invalid frames, too, so the loader leaves this mode when it has
+//! received a frame and there was no error. If it has seen errors in a second, it tries the next of
+//! the board's bit rates. After [`SILENCE_LIMIT_S`] seconds with neither it takes the bit rate of
+//! the record.
+//!
+//! Then it tries each frame once, until one has passed: the bit rate is right. At the first frame
+//! of others that is not valid it listens again, with the next bit rate.
 
 use firmware::hardware::CAN_CRYSTAL_HZ;
 use firmware::tables::bit_rate::HIGHEST_RATE;
 use mcp2515_ordered::BitTiming;
 
-use crate::can::{LISTEN_ONLY, MODE, NORMAL};
+use crate::can::{LISTEN_ONLY, MODE, NORMAL, TRIAL};
 use crate::variables::{CNF1, CNF2, QUIET_S};
 use crate::{can, clock};
 
 /// Seconds without a frame or an error before the loader sends.
 const SILENCE_LIMIT_S: u8 = 3;
 
+/// [`QUIET_S`] when the loader begins to listen at any time of a second. The rest of that second
+/// does not count.
+const BEFORE_FIRST_SECOND: u8 = u8::MAX;
+
 /// What comes next.
 pub enum Next {
+    /// The loader may send.
+    Send,
     /// The loader goes on listening.
     Listen,
     /// The bit rate or the mode has changed: the controller is to be set up.
@@ -27,9 +36,9 @@ pub enum Next {
     UseRecord,
 }
 
-/// True if the loader must not send yet.
+/// True if the bit rate may be wrong.
 #[inline(always)]
-pub fn is_listening() -> bool {
+pub fn is_unsure() -> bool {
     MODE.read() != NORMAL
 }
 
@@ -39,29 +48,47 @@ pub fn begin() {
     MODE.write(LISTEN_ONLY);
 }
 
-/// Does a turn of listening.
+/// The bit rate is right: a frame has passed.
+pub fn trust() {
+    MODE.write(NORMAL);
+    can::set_mode();
+}
+
+/// Does a turn of listening, or of a trial.
 #[inline(always)]
 pub fn turn() -> Next {
     let flags = can::interrupt_flags();
-    if flags & (can::RX0IF | can::RX1IF) != 0 {
-        MODE.write(NORMAL);
-        return Next::Configure;
+    if MODE.read() == TRIAL {
+        if flags & can::TX0IF != 0 {
+            trust();
+            return Next::Send;
+        }
+        if !can::has_received_error() {
+            return Next::Send;
+        }
+        MODE.write(LISTEN_ONLY);
+    } else {
+        // Flags of a frame, without MERRF.
+        if flags as i8 > 0 {
+            MODE.write(TRIAL);
+            return Next::Configure;
+        }
+        if !clock::take_second() {
+            return Next::Listen;
+        }
+        if flags == 0 {
+            let quiet = QUIET_S.read().wrapping_add(1);
+            QUIET_S.write(quiet);
+            if quiet != SILENCE_LIMIT_S {
+                return Next::Listen;
+            }
+            MODE.write(TRIAL);
+            return Next::UseRecord;
+        }
     }
-    if !clock::take_second() {
-        return Next::Listen;
-    }
-    if flags & can::MERRF != 0 {
-        QUIET_S.write(0);
-        choose_next_rate();
-        return Next::Configure;
-    }
-    let quiet = QUIET_S.read() + 1;
-    QUIET_S.write(quiet);
-    if quiet != SILENCE_LIMIT_S {
-        return Next::Listen;
-    }
-    MODE.write(NORMAL);
-    Next::UseRecord
+    QUIET_S.write(BEFORE_FIRST_SECOND);
+    choose_next_rate();
+    Next::Configure
 }
 
 /// Timing of the board's highest bit rate, and of the lower ones, each of which is half the one
@@ -84,15 +111,13 @@ fn choose_next_rate() {
         }
         assert!(HIGHEST.cnf1() == 0 && HIGHEST.cnf2() != SECOND.cnf2());
     }
-    let mut cnf1 = CNF1.read();
-    let mut cnf2 = SECOND.cnf2();
-    if CNF2.read() == cnf2 {
-        cnf1 = cnf1 << 1 | 1;
-        if cnf1 > LOWEST.cnf1() {
-            cnf1 = HIGHEST.cnf1();
-            cnf2 = HIGHEST.cnf2();
-        }
+    let cnf1 = CNF1.read();
+    if CNF2.read() != SECOND.cnf2() {
+        CNF2.write(SECOND.cnf2());
+    } else if cnf1 < LOWEST.cnf1() {
+        CNF1.write(cnf1 << 1 | 1);
+    } else {
+        CNF1.write(HIGHEST.cnf1());
+        CNF2.write(HIGHEST.cnf2());
     }
-    CNF1.write(cnf1);
-    CNF2.write(cnf2);
 }

@@ -73,8 +73,9 @@ fn stay_on_bus() {
     loop {
         can::configure();
         loop {
-            if listen::is_listening() {
+            if listen::is_unsure() {
                 match listen::turn() {
+                    Next::Send => {}
                     Next::Listen => continue,
                     Next::Configure => break,
                     Next::UseRecord => return,
@@ -90,6 +91,9 @@ fn stay_on_bus() {
                 update::tick();
                 Some(status())
             } else if can::receive() {
+                if listen::is_unsure() {
+                    listen::trust();
+                }
                 take_frame()
             } else {
                 None

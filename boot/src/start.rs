@@ -7,7 +7,7 @@ use core::arch::{asm, global_asm};
 
 use firmware::handover::{CRC_START, REQUEST_LEN};
 
-use crate::node_info::{self, MAINTENANCE, MODE};
+use crate::node_info;
 use crate::registers::{EXTRF, MCUSR, PORF, WDCE, WDE, WDP2_WDP1, WDRF};
 use crate::variables::{ADDRESS, ADDRESS_IN_Y, REQUEST_END, RESTART_COUNT, request};
 use crate::{crc, image, serial};
@@ -72,11 +72,14 @@ pub fn decide() -> bool {
     false
 }
 
-/// Lets the watchdog reset the chip soon. Ends an update.
+/// Lets the watchdog reset the chip, and waits for that. Ends an update.
+///
+/// The node says nothing more: whether it is updated is known after the reset.
+#[expect(clippy::empty_loop, reason = "the watchdog ends it")]
 #[inline(never)]
-pub fn restart_soon() {
-    MODE.write(MAINTENANCE);
+pub fn restart() -> ! {
     set_watchdog(Timeout::Soon);
+    loop {}
 }
 
 /// The time until the watchdog resets the chip.

@@ -25,7 +25,7 @@ use crate::{image, spm, start};
 const SILENCE: Register = idle::OCR0A;
 /// A power of two.
 const RETRY: u8 = 4;
-/// The update ends after so many seconds without an answer.
+/// The update ends at this count: after 29 to 30 seconds without an answer, and ten requests.
 const SILENCE_LIMIT: u8 = 40;
 
 /// Index of a received payload, behind the CRC.
@@ -72,7 +72,7 @@ pub fn begin() {
 #[inline(always)]
 pub fn tick() {
     if is_active() && count_silence() == SILENCE_LIMIT {
-        start::restart_soon();
+        start::restart();
     }
 }
 
@@ -145,7 +145,7 @@ pub fn take_request(len: u16) -> bool {
 pub fn take_answer(len: u16) {
     SILENCE.write(0);
     if !write(len) {
-        start::restart_soon();
+        start::restart();
     }
 }
 
