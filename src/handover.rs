@@ -1,5 +1,5 @@
 //! What the program and the bootloader (`boot/`) tell each other: layouts and addresses.
-//! docs/update.md describes them.
+//! docs/update.md describes the file of a program.
 //!
 //! | where | what |
 //! | --- | --- |
@@ -18,14 +18,11 @@ pub const CRC_START: u16 = 0xFFFF;
 /// Byte address of the header of the program: behind the 26 vectors, in the first page.
 pub const HEADER: u16 = 0x68;
 /// Length of the header: major and minor hardware version, major and minor software version, length
-/// of the program.
-pub const HEADER_LEN: usize = 6;
-/// Offset in the header of the length of the program in bytes, with the CRC at its end.
-/// Little-endian.
+/// of the program, and two bytes with which the CRC of the program is 0.
+pub const HEADER_LEN: usize = 8;
+/// Offset in the header of the length of the program in bytes. Little-endian. scripts/image writes
+/// it and the two bytes behind it. The loader starts no program without them.
 pub const HEADER_LENGTH: usize = 4;
-/// The length of a program without a CRC, which was uploaded through the serial port or by a
-/// programmer. The loader starts it unchecked.
-pub const UNCHECKED: u16 = 0;
 
 /// Byte address of the software version of the program, as in the response of GetNodeInfo: major,
 /// minor, flags, commit.
@@ -38,8 +35,7 @@ pub const DESCRIPTOR: u16 = SOFTWARE_VERSION + SOFTWARE_VERSION_LEN as u16;
 /// Length of the descriptor: signature (8 bytes), CRC of the image (8), length of the image (4),
 /// commit (4), major and minor version, ID of the board (2), reserved (8). Little-endian.
 pub const DESCRIPTOR_LEN: usize = 36;
-/// Offset in the descriptor of the CRC of the image, which GetNodeInfo tells. It is zero in a
-/// program that was uploaded through the serial port or by a programmer.
+/// Offset in the descriptor of the CRC of the image, which GetNodeInfo tells.
 pub const IMAGE_CRC: usize = 8;
 /// Length of the CRC of the image.
 pub const IMAGE_CRC_LEN: usize = 8;

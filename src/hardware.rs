@@ -26,6 +26,8 @@ pub const CAN_INTERRUPT: Pin = Pin::named(env!("NODE_INT"));
 pub const SERVO: Pin = Pin::named(env!("NODE_SERVO"));
 /// Outputs that the node can have.
 pub const OUTPUTS: usize = if cfg!(feature = "outputs") { 8 } else { 1 };
+/// True if motors can have other pulses than servos.
+pub const HAS_ESCS: bool = cfg!(feature = "escs");
 /// Time from the beginning of an output's pulse to the beginning of the next output's pulse, in
 /// microseconds.
 pub const SLOT_US: u32 = 2500;

@@ -72,7 +72,6 @@ pub const IMAGE: [u8; LEN] = {
 };
 
 /// The image in the memory of the host, for tests.
-#[cfg(any(test, feature = "desk"))]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InMemory;
 

@@ -10,11 +10,13 @@
     no_main,
     feature(asm_experimental_arch, abi_avr_interrupt)
 )]
-#![deny(unsafe_op_in_unsafe_fn, clippy::undocumented_unsafe_blocks)]
-// `avr_device::entry` calls `main` once and gives it a `&mut` reference to each of its statics.
-#![cfg_attr(target_arch = "avr", allow(static_mut_refs))]
+#![deny(clippy::undocumented_unsafe_blocks)]
+// `avr_device::entry` makes `main` an unsafe function, which is called once, and gives it a `&mut`
+// reference to each of its statics.
+#![cfg_attr(target_arch = "avr", allow(static_mut_refs, unsafe_op_in_unsafe_fn))]
 
 #[cfg(target_arch = "avr")]
+#[deny(unsafe_op_in_unsafe_fn)]
 mod board;
 
 #[cfg(target_arch = "avr")]

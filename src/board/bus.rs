@@ -15,20 +15,20 @@
 //! INT0 triggers on the falling edge, and the chip remembers an edge while INT0 is masked. A level
 //! interrupt would repeat for ever if INT is stuck low. INT0 misses a frame if the queue is full,
 //! or if INT stays low for another frame. [`Bus::has_frame`] checks the pin and fetches
-//! these frames.
+//! these frames. If INT does not follow the chip, [`Bus::poll`] fetches them.
 //!
 //! The handler enables other interrupts, so that Timer0 counts milliseconds and the watchdog
 //! detects a handler that hangs.
 
 use core::sync::atomic::{Ordering, compiler_fence};
 
-use super::chip::{EXINT, SPI};
+use super::chip::{EXINT, SPI, steal};
 use super::flash::Image;
 use super::pins::{CanInterrupt, CanSelect};
 use super::spi::CanSpi;
 use firmware::hardware::{CAN_INTERRUPT, CanCounters, OUTPUTS};
 use firmware::node::acceptance::NodeAcceptance;
-use mcp2515_ordered::{Frame, Mcp2515};
+use mcp2515_ordered::{Frame, Mcp2515, Notice};
 
 /// The CAN controller with its driver.
 pub type Can = Mcp2515<CanSpi, CanSelect, CanInterrupt, NodeAcceptance<Image>>;
@@ -88,12 +88,12 @@ fn load(counter: *const u8) -> u8 {
 fn exint() -> EXINT {
     // Safety: `Bus::new` has consumed these registers, so only this module uses them. One
     // instruction writes each register, so an interrupt cannot come between a read and a write.
-    unsafe { EXINT::steal() }
+    unsafe { steal::<EXINT>() }
 }
 
 fn mask() {
     // Safety: every value of EIMSK is valid.
-    exint().eimsk().modify(|r, w| unsafe { w.bits(r.bits() & !INT0_BIT) });
+    exint().eimsk.modify(|r, w| unsafe { w.bits(r.bits() & !INT0_BIT) });
     // The compiler must not move an access to the controller to before the mask is set.
     compiler_fence(Ordering::SeqCst);
 }
@@ -102,7 +102,7 @@ fn unmask() {
     // The compiler must not move an access to the controller to after the mask is cleared.
     compiler_fence(Ordering::SeqCst);
     // Safety: every value of EIMSK is valid.
-    exint().eimsk().modify(|r, w| unsafe { w.bits(r.bits() | INT0_BIT) });
+    exint().eimsk.modify(|r, w| unsafe { w.bits(r.bits() | INT0_BIT) });
 }
 
 /// Moves frames from the controller to the queue until the controller is empty or the queue is
@@ -124,14 +124,14 @@ unsafe fn fetch() {
         // Clears the flag, so that an edge from here on triggers INT0 again. A write changes only
         // the bits that are 1.
         // Safety: every value of EIFR is valid.
-        exint().eifr().write(|w| unsafe { w.bits(INT0_BIT) });
+        exint().eifr.write(|w| unsafe { w.bits(INT0_BIT) });
         // Safety: the index is less than the length. The main loop has references only to places
         // from READ to WRITTEN, and this place is not among them, because the queue is not
         // full.
         let place =
             unsafe { &mut *(&raw mut QUEUE).cast::<Frame>().add(usize::from(written % QUEUE_LEN)) };
         if !can.receive(place) {
-            // INT is low without a frame. The driver checks for that every 10 ms.
+            // INT does not follow the chip. The driver checks for that every 10 ms.
             return;
         }
         // Safety: the pointer is to a static. Only the owner of the controller writes this counter,
@@ -233,8 +233,8 @@ impl Bus {
         CanSpi::set_up(spi);
         // Safety: every value of EICRA and EIMSK is valid.
         unsafe {
-            exint.eicra().write(|w| w.bits(FALLING_EDGE));
-            exint.eimsk().write(|w| w.bits(INT0_BIT));
+            exint.eicra.write(|w| w.bits(FALLING_EDGE));
+            exint.eimsk.write(|w| w.bits(INT0_BIT));
         }
         Self { interrupt }
     }
@@ -249,17 +249,33 @@ impl Bus {
         result
     }
 
+    /// Does the controller's next step: see [`Mcp2515::poll`]. If INT does not follow the
+    /// controller, also fetches its frames.
+    pub fn poll(&mut self, now_ms: u16) -> Option<Notice> {
+        let (notice, is_int_wrong) = self.controller(|can| (can.poll(now_ms), can.is_int_wrong()));
+        if is_int_wrong {
+            self.fetch_missed();
+        }
+        notice
+    }
+
+    /// Fetches frames for which INT0 did not come.
+    #[inline(never)]
+    fn fetch_missed(&mut self) {
+        mask();
+        // Safety: INT0 is masked. This method borrows the one `Bus` mutably and has no reference to
+        // the controller itself.
+        unsafe { fetch() };
+        unmask();
+    }
+
     /// True if a received frame waits. Fetches frames that INT0 missed.
     pub fn has_frame(&mut self) -> bool {
         if load(&raw const WRITTEN) == load(&raw const READ) {
             if !self.interrupt.is_pulled_low() {
                 return false;
             }
-            mask();
-            // Safety: INT0 is masked. This method borrows the one `Bus` mutably and has no
-            // reference to the controller itself.
-            unsafe { fetch() };
-            unmask();
+            self.fetch_missed();
         }
         load(&raw const WRITTEN) != load(&raw const READ)
     }

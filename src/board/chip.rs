@@ -5,6 +5,17 @@ pub use avr_device::atmega168::*;
 #[cfg(chip = "atmega328p")]
 pub use avr_device::atmega328p::*;
 
+/// A value of a register block. `Peripherals` has all of them together, and a byte of RAM that says
+/// so.
+///
+/// # Safety
+/// `T` must be a register block. The caller argues that nobody else uses it at that time.
+pub const unsafe fn steal<T>() -> T {
+    const { assert!(size_of::<T>() == 0) };
+    // Safety: a register block has no bytes, so each of its values is as good as another.
+    unsafe { core::mem::zeroed() }
+}
+
 /// Crystal of the Arduino, in hertz. The setup of Timer0, Timer1, the ADC and the UART depends on
 /// it.
 pub const CLOCK_HZ: u32 = 16_000_000;

@@ -36,12 +36,12 @@ pub struct Clock {
 
 impl Clock {
     pub(super) fn new(tc0: TC0) -> Self {
-        tc0.tccr0b().write(|w| w.cs0().no_clock());
-        tc0.tccr0a().write(|w| w.wgm0().ctc());
-        tc0.ocr0a().write(|w| w.set(TOP));
-        tc0.tcnt0().write(|w| w.set(0));
-        tc0.timsk0().write(|w| w.ocie0a().set_bit());
-        tc0.tccr0b().write(|w| w.cs0().prescale_64());
+        tc0.tccr0b.write(|w| w.cs0().no_clock());
+        tc0.tccr0a.write(|w| w.wgm0().ctc());
+        tc0.ocr0a.write(|w| w.bits(TOP));
+        tc0.tcnt0.write(|w| w.bits(0));
+        tc0.timsk0.write(|w| w.ocie0a().set_bit());
+        tc0.tccr0b.write(|w| w.cs0().prescale_64());
         Self { ticks: ticks(), now_ms: 0 }
     }
 

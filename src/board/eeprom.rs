@@ -20,7 +20,7 @@ impl Eeprom {
     pub(super) fn new(eeprom: EEPROM) -> Self {
         // After a restart of the program, a write that it had started may still be active.
         for _ in 0..u16::MAX {
-            if eeprom.eecr().read().eepe().bit_is_clear() {
+            if eeprom.eecr.read().eepe().bit_is_clear() {
                 break;
             }
         }
@@ -31,20 +31,20 @@ impl Eeprom {
 impl firmware::eeprom::Eeprom for Eeprom {
     #[inline(never)]
     fn read(&self, at: Address) -> u8 {
-        self.eeprom.eear().write(|w| w.set(at as u16));
+        self.eeprom.eear.write(|w| w.bits(at as u16));
         // This sets EEPM to 0, so that a write after this read erases and writes in one operation.
-        self.eeprom.eecr().write(|w| w.eere().set_bit());
-        self.eeprom.eedr().read().bits()
+        self.eeprom.eecr.write(|w| w.eere().set_bit());
+        self.eeprom.eedr.read().bits()
     }
 
     fn is_busy(&self) -> bool {
-        self.eeprom.eecr().read().eepe().bit_is_set()
+        self.eeprom.eecr.read().eepe().bit_is_set()
     }
 
     #[inline(never)]
     fn begin_write(&mut self, at: Address, byte: u8) {
-        self.eeprom.eear().write(|w| w.set(at as u16));
-        self.eeprom.eedr().write(|w| w.set(byte));
+        self.eeprom.eear.write(|w| w.bits(at as u16));
+        self.eeprom.eedr.write(|w| w.bits(byte));
         // EECR = 0x1F: EEMPE (bit 2), then within four cycles EEPE (bit 1).
         // Safety: the block writes only EECR, in the sequence that the datasheet requires. No
         // interrupt may come in between, so interrupts are disabled for seven cycles. SREG

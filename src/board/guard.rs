@@ -58,11 +58,11 @@ unsafe extern "C" {
 
 /// Returns why the program started. Call it once: it clears GPIOR0.
 pub fn reset_cause(cpu: &CPU) -> ResetCause {
-    let software = cpu.gpior0().read().bits();
-    cpu.gpior0().write(|w| w.set(0));
+    let software = cpu.gpior0.read().bits();
+    cpu.gpior0.write(|w| w.bits(0));
     // The saved MCUSR: WDRF, BORF, EXTRF, PORF from bit 3 down. After a power-on the other flags
     // are undefined.
-    let flags = cpu.gpior1().read().bits();
+    let flags = cpu.gpior1.read().bits();
     if flags & 0b0001 != 0 {
         ResetCause::POWER_ON
     } else if flags & 0b1000 != 0 {

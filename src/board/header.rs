@@ -3,7 +3,7 @@
 
 use firmware::handover::{HEADER, HEADER_LEN, SOFTWARE_VERSION};
 use firmware::image::IMAGE;
-use firmware::tables::information::UNCHECKED_HEADER;
+use firmware::tables::information;
 
 /// Bytes between the header and the tables, so that the application descriptor is at a multiple of
 /// 8.
@@ -24,4 +24,5 @@ pub struct Front {
 #[unsafe(link_section = ".vectors")]
 #[unsafe(no_mangle)]
 #[used]
-pub static PROGRAM_FRONT: Front = Front { header: UNCHECKED_HEADER, gap: [0; GAP], image: IMAGE };
+pub static PROGRAM_FRONT: Front =
+    Front { header: information::HEADER, gap: [0; GAP], image: IMAGE };

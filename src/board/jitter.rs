@@ -27,10 +27,10 @@ impl Jitter {
     pub fn sample(&mut self) -> u8 {
         // Interrupt mode, with interrupts disabled: the timeout only sets WDIF. Writing a 1 clears
         // WDIF.
-        self.wdt.wdtcsr().write(|w| w.wdif().set_bit().wdie().set_bit());
+        self.wdt.wdtcsr.write(|w| w.wdif().set_bit().wdie().set_bit());
         // If the watchdog does not run, the loop ends after 45 ms.
         let mut turns = u16::MAX;
-        while turns != 0 && self.wdt.wdtcsr().read().wdif().bit_is_clear() {
+        while turns != 0 && self.wdt.wdtcsr.read().wdif().bit_is_clear() {
             turns -= 1;
         }
         turns as u8

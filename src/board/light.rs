@@ -17,14 +17,14 @@ pub struct Light {
 
 impl Light {
     pub(super) fn new(tc2: TC2) -> Self {
-        tc2.ocr2b().write(|w| w.set(0));
-        tc2.tccr2a().write(|w| w.com2b().match_clear().wgm2().pwm_phase());
-        tc2.tccr2b().write(|w| w.cs2().prescale_64());
+        tc2.ocr2b.write(|w| w.bits(0));
+        tc2.tccr2a.write(|w| w.com2b().match_clear().wgm2().pwm_phase());
+        tc2.tccr2b.write(|w| w.cs2().prescale_64());
         Self { tc2 }
     }
 
     /// Sets the brightness: 0 is off, 255 is full.
     pub fn set(&mut self, brightness: u8) {
-        self.tc2.ocr2b().write(|w| w.set(brightness));
+        self.tc2.ocr2b.write(|w| w.bits(brightness));
     }
 }

@@ -3,7 +3,7 @@
 
 use core::arch::asm;
 
-use super::chip::TC1;
+use super::chip::{TC1, steal};
 use super::pins::ServoSignal;
 use super::timer1;
 
@@ -63,7 +63,7 @@ pub fn enter(request: Option<&[u8; REQUEST_LEN]>) -> ! {
     // Until the reset the timer makes no other pulse, which that would cut.
     // Safety: interrupts are disabled and this function does not return, so nobody else uses the
     // timer or the pin any more.
-    let (tc1, signal) = unsafe { (TC1::steal(), ServoSignal::steal()) };
+    let (tc1, signal) = unsafe { (steal::<TC1>(), ServoSignal::steal()) };
     timer1::stop(&tc1, &signal);
     if let Some(request) = request {
         for (n, byte) in request.iter().enumerate() {

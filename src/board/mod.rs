@@ -94,7 +94,7 @@ impl Arduino {
                 // Safety: each register block is named once below, and `main` calls this function
                 // once, before interrupts are enabled. So each value is the only one of its block
                 // here. A module that steals a block again argues for that at its place.
-                unsafe { chip::$name::steal() }
+                unsafe { chip::steal::<chip::$name>() }
             };
         }
         // The pins come before the SPI, whose SS pin must be an output. After a restart Timer1
@@ -161,7 +161,7 @@ impl Board for Arduino {
         self.bus.controller(|can| can.is_empty())
     }
     fn poll_controller(&mut self, now_ms: u16) -> Option<Notice> {
-        self.bus.controller(|can| can.poll(now_ms))
+        self.bus.poll(now_ms)
     }
     fn set_filters(&mut self, now_ms: u16, acceptance: NodeAcceptance<Image>, attempts: Attempts) {
         self.bus.controller(|can| {

@@ -8,7 +8,7 @@ use core::convert::Infallible;
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use firmware::hardware::{BUTTON, CAN_INTERRUPT, CAN_SELECT, LIGHT, Pin, SERVO, SHAFT};
 
-use super::chip::{PORTB, PORTC, PORTD};
+use super::chip::{PORTB, PORTC, PORTD, steal};
 
 /// MCP2515 CS.
 pub type CanSelect = Output<{ CAN_SELECT.port }, { CAN_SELECT.bit }>;
@@ -60,8 +60,8 @@ unsafe fn set<const PORT: u8, const BIT: u8>(is_high: bool) {
             // Safety: `Pins::new` has consumed the port, so only this module uses it, and the
             // caller owns the pin. The bit is a constant, so this is one `sbi` or `cbi`: no
             // interrupt can come between reading and writing the other bits.
-            let registers = unsafe { $registers::steal() };
-            registers.$portx().modify(|r, w| {
+            let registers = unsafe { steal::<$registers>() };
+            registers.$portx.modify(|r, w| {
                 let bits = if is_high { r.bits() | 1 << BIT } else { r.bits() & !(1 << BIT) };
                 // Safety: every value of PORTx is valid.
                 unsafe { w.bits(bits) }
@@ -81,9 +81,9 @@ fn is_high<const PORT: u8, const BIT: u8>() -> bool {
     // matter.
     let pins = unsafe {
         match PORT {
-            b'B' => PORTB::steal().pinb().read().bits(),
-            b'C' => PORTC::steal().pinc().read().bits(),
-            _ => PORTD::steal().pind().read().bits(),
+            b'B' => steal::<PORTB>().pinb.read().bits(),
+            b'C' => steal::<PORTC>().pinc.read().bits(),
+            _ => steal::<PORTD>().pind.read().bits(),
         }
     };
     pins & 1 << BIT != 0
@@ -175,15 +175,15 @@ impl Pins {
     pub fn new(portb: PORTB, portc: PORTC, portd: PORTD) -> Self {
         // Safety: every value of PORTx and DDRx is valid.
         unsafe {
-            portb.portb().write(|w| w.bits(const { mask(&HIGH, b'B') }));
-            portb.ddrb().write(|w| w.bits(const { mask(&OUTPUTS, b'B') }));
+            portb.portb.write(|w| w.bits(const { mask(&HIGH, b'B') }));
+            portb.ddrb.write(|w| w.bits(const { mask(&OUTPUTS, b'B') }));
             // Only a wired CS can be on port C.
             if const { mask(&OUTPUTS, b'C') } != 0 {
-                portc.portc().write(|w| w.bits(const { mask(&HIGH, b'C') }));
-                portc.ddrc().write(|w| w.bits(const { mask(&OUTPUTS, b'C') }));
+                portc.portc.write(|w| w.bits(const { mask(&HIGH, b'C') }));
+                portc.ddrc.write(|w| w.bits(const { mask(&OUTPUTS, b'C') }));
             }
-            portd.portd().write(|w| w.bits(const { mask(&HIGH, b'D') }));
-            portd.ddrd().write(|w| w.bits(const { mask(&OUTPUTS, b'D') }));
+            portd.portd.write(|w| w.bits(const { mask(&HIGH, b'D') }));
+            portd.ddrd.write(|w| w.bits(const { mask(&OUTPUTS, b'D') }));
         }
         Self { servo: Output(()), can_interrupt: Input(()), button: Input(()) }
     }

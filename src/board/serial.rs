@@ -15,28 +15,28 @@ pub struct Serial {
 
 impl Serial {
     pub(super) fn new(usart: USART0) -> Self {
-        usart.ubrr0().write(|w| w.set(UBRR));
-        usart.ucsr0a().write(|w| w.u2x0().set_bit());
-        usart.ucsr0c().write(|w| w.ucsz0().chr8());
-        usart.ucsr0b().write(|w| w.rxen0().set_bit().txen0().set_bit());
+        usart.ubrr0.write(|w| w.bits(UBRR));
+        usart.ucsr0a.write(|w| w.u2x0().set_bit());
+        usart.ucsr0c.write(|w| w.ucsz0().chr8());
+        usart.ucsr0b.write(|w| w.rxen0().set_bit().txen0().set_bit());
         Self { usart }
     }
 
     /// True if the UART can accept a byte now.
     pub fn can_send(&self) -> bool {
-        self.usart.ucsr0a().read().udre0().bit_is_set()
+        self.usart.ucsr0a.read().udre0().bit_is_set()
     }
 
     /// Sends a byte, but not a 0. Call it only when the UART [can](Self::can_send) accept a byte.
     pub fn send(&mut self, byte: u8) {
         if byte != 0 {
-            self.usart.udr0().write(|w| w.set(byte));
+            self.usart.udr0.write(|w| w.bits(byte));
         }
     }
 
     /// Returns the received byte, if there is one.
     pub fn receive(&mut self) -> Option<u8> {
-        let received = self.usart.ucsr0a().read().rxc0().bit_is_set();
-        received.then(|| self.usart.udr0().read().bits())
+        let received = self.usart.ucsr0a.read().rxc0().bit_is_set();
+        received.then(|| self.usart.udr0.read().bits())
     }
 }

@@ -13,7 +13,7 @@
 use core::arch::global_asm;
 use core::mem::offset_of;
 
-use super::chip::{EXINT, TC2};
+use super::chip::{EXINT, TC2, steal};
 use super::clock::{TICKS, TOP as TIMER0_TOP};
 use firmware::hardware::{CAN_INTERRUPT, ShaftPulses};
 
@@ -95,7 +95,7 @@ global_asm!(
 fn exint() -> EXINT {
     // Safety: `Bus` uses the same registers, but other bits. One instruction changes a bit of
     // EIMSK. EICRA is written before interrupts are enabled.
-    unsafe { EXINT::steal() }
+    unsafe { steal::<EXINT>() }
 }
 
 /// The input for the pulses.
@@ -110,20 +110,20 @@ impl Shaft {
     /// EICRA and EIMSK.
     pub(super) fn new(tc2: TC2) -> Self {
         // Safety: every value of EICRA is valid.
-        exint().eicra().modify(|r, w| unsafe { w.bits(r.bits() | FALLING_EDGE) });
-        tc2.timsk2().write(|w| w.ocie2a().clear_bit());
-        tc2.ocr2a().write(|w| w.set(TOP));
-        tc2.tccr2a().write(|w| w.wgm2().ctc());
-        tc2.tccr2b().write(|w| w.cs2().prescale_64());
+        exint().eicra.modify(|r, w| unsafe { w.bits(r.bits() | FALLING_EDGE) });
+        tc2.timsk2.write(|w| w.ocie2a().clear_bit());
+        tc2.ocr2a.write(|w| w.bits(TOP));
+        tc2.tccr2a.write(|w| w.wgm2().ctc());
+        tc2.tccr2b.write(|w| w.cs2().prescale_64());
         Self { tc2, seen: 0 }
     }
 
     /// The pulses since the last call. Counts the next ones if `is_on` is true.
     pub fn pulses(&mut self, is_on: bool) -> ShaftPulses {
-        self.tc2.timsk2().write(|w| w.ocie2a().bit(is_on));
+        self.tc2.timsk2.write(|w| w.ocie2a().bit(is_on));
         if !is_on {
             // Safety: every value of EIMSK is valid.
-            exint().eimsk().modify(|r, w| unsafe { w.bits(r.bits() & !INT1_BIT) });
+            exint().eimsk.modify(|r, w| unsafe { w.bits(r.bits() & !INT1_BIT) });
         }
         let latest = &raw const LATEST;
         // Safety: the pointer is to a static, so it is always valid. One instruction reads a byte,

@@ -2,7 +2,7 @@
 
 use core::convert::Infallible;
 
-use super::chip::SPI;
+use super::chip::{SPI, steal};
 use embedded_hal::spi::{self, SpiBus};
 
 /// The SPI in mode 0,0 at 8 MHz. The MCP2515 allows 10 MHz.
@@ -23,28 +23,31 @@ impl CanSpi {
     /// Sets up the SPI. SS must be an output before. Consumes the registers: from here on only the
     /// driver uses them.
     pub fn set_up(spi: SPI) {
-        spi.spcr().write(|w| w.spe().set_bit().mstr().set_bit());
-        spi.spsr().write(|w| w.spi2x().set_bit());
+        spi.spcr.write(|w| w.spe().set_bit().mstr().set_bit());
+        // A restart of the program may have cut a byte. The read, with the first access to SPDR,
+        // clears the flag of that byte.
+        _ = spi.spsr.read();
+        spi.spsr.write(|w| w.spi2x().set_bit());
     }
 
     #[inline(always)]
     fn spi(&self) -> SPI {
         // Safety: `set_up` has consumed the registers, and `steal` requires that there is no other
         // value of this type. So nothing else uses them.
-        unsafe { SPI::steal() }
+        unsafe { steal::<SPI>() }
     }
 
     #[inline(always)]
     fn begin(&mut self, byte: u8) {
-        self.spi().spdr().write(|w| w.set(byte));
+        self.spi().spdr.write(|w| w.bits(byte));
     }
 
     /// Waits for the end of the byte, and returns the received byte. The wait always ends 16 cycles
     /// after `begin`, because the master makes the clock.
     #[inline(always)]
     fn finish(&mut self) -> u8 {
-        while self.spi().spsr().read().spif().bit_is_clear() {}
-        self.spi().spdr().read().bits()
+        while self.spi().spsr.read().spif().bit_is_clear() {}
+        self.spi().spdr.read().bits()
     }
 
     #[inline(always)]

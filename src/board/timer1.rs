@@ -33,14 +33,14 @@ pub fn stop(tc1: &TC1, signal: &ServoSignal) {
         turns = turns.wrapping_sub(1);
     }
     // WGM11..0 = 2 and WGM13..2 = 3: mode 14. While COM1x is 0, the port drives the pin low.
-    tc1.tccr1a().write(|w| w.wgm1().set(2));
-    tc1.tccr1b().write(|w| w.wgm1().set(3));
-    tc1.timsk1().write(|w| w.toie1().clear_bit());
+    tc1.tccr1a.write(|w| w.wgm1().bits(2));
+    tc1.tccr1b.write(|w| w.wgm1().bits(3));
+    tc1.timsk1.write(|w| w.toie1().clear_bit());
 }
 
 /// Lets the timer run.
 pub fn run(tc1: &TC1) {
-    tc1.tccr1b().write(|w| w.wgm1().set(3).cs1().prescale_8());
+    tc1.tccr1b.write(|w| w.wgm1().bits(3).cs1().prescale_8());
 }
 
 /// Ticks of a period at a rate in pulses a second, 50 to 333.
@@ -51,25 +51,25 @@ pub fn period(rate_hz: u16) -> Ticks {
 /// Sets the period, and begins one, so that the timer is never above the new TOP. Call it before
 /// the first pulse.
 pub fn set_period(tc1: &TC1, period: Ticks) {
-    tc1.icr1().write(|w| w.set(period.wrapping_sub(1)));
-    tc1.tcnt1().write(|w| w.set(0));
+    tc1.icr1.write(|w| w.bits(period.wrapping_sub(1)));
+    tc1.tcnt1.write(|w| w.bits(0));
 }
 
 /// Makes pulses of this width from the next period on, or none. Between two pulses only, if it is
 /// 0.
 pub fn set_width(tc1: &TC1, width: Ticks) {
     if width == 0 {
-        tc1.tccr1a().write(|w| w.wgm1().set(2));
+        tc1.tccr1a.write(|w| w.wgm1().bits(2));
         return;
     }
     if IS_A {
-        tc1.ocr1a().write(|w| w.set(width.wrapping_sub(1)));
+        tc1.ocr1a.write(|w| w.bits(width.wrapping_sub(1)));
     } else {
-        tc1.ocr1b().write(|w| w.set(width.wrapping_sub(1)));
+        tc1.ocr1b.write(|w| w.bits(width.wrapping_sub(1)));
     }
     // OC1x stays low until the next BOTTOM, so the first pulse has its full width, too.
-    tc1.tccr1a().write(|w| {
-        let w = w.wgm1().set(2);
+    tc1.tccr1a.write(|w| {
+        let w = w.wgm1().bits(2);
         if IS_A { w.com1a().match_clear() } else { w.com1b().match_clear() }
     });
 }

@@ -34,8 +34,8 @@ impl Event {
         self.bytes[Field::TRANSFER as usize] = transfer;
     }
 
-    /// Sets `%c` or `%x`, a code in decimal or hexadecimal, or `%w`, the number of a line to
-    /// insert.
+    /// Sets `%c`, a code, `%w`, the number of a line to insert, or `%o`, a set of outputs: a bit
+    /// each.
     pub fn set_code(&mut self, code: u8) {
         self.bytes[Field::CODE as usize] = code;
     }

@@ -14,6 +14,7 @@ use heapless::Vec;
 use super::packing::{self, Code, Field};
 use super::text::{Line, Texts};
 use super::{Event, TextsAndNames};
+use crate::hardware::OUTPUTS;
 use crate::progmem::Progmem;
 use crate::tables::parameters::{self, PREFIX_LEN, prefix_byte};
 
@@ -232,16 +233,22 @@ impl Monitor {
         }
         let &mut Event { bytes: [.., code], a, b, .. } = event;
         match field {
-            Field::HEX => {
-                self.push_nibble(code);
-                self.push_nibble(code.rotate_left(4));
-            }
             Field::WORD => self.insert(packing::FIRST_LINE, code),
             Field::NAME => {
                 let (row, output) = parameters::row_and_output(b as u8);
                 self.insert(F::NAMES, row);
                 if output != 0 {
                     (0..PREFIX_LEN).rev().for_each(|at| self.push(prefix_byte(at, output)));
+                }
+            }
+            Field::OUTPUTS if OUTPUTS > 1 => {
+                let (mut left, mut digit) = (code, b'8');
+                while digit != b'0' {
+                    if left & 0x80 != 0 {
+                        self.push(digit);
+                    }
+                    left <<= 1;
+                    digit -= 1;
                 }
             }
             Field::HALVES => {
@@ -272,13 +279,6 @@ impl Monitor {
             }
         }
     }
-
-    #[inline(never)]
-    fn push_nibble(&mut self, code: u8) {
-        let nibble = code & 15;
-        let digit = if nibble < 10 { b'0' } else { b'A' - 10 };
-        self.push(digit.wrapping_add(nibble));
-    }
 }
 
 impl Default for Monitor {
@@ -298,6 +298,10 @@ mod tests {
     use crate::tables::parameters::Parameter;
     use std::string::String;
 
+    /// The line of a command has its type and its value.
+    #[cfg(not(feature = "draft"))]
+    const HAS_VALUES: bool = cfg!(feature = "values");
+
     /// The next character, or 0 if twelve steps make none.
     fn next(monitor: &mut Monitor) -> u8 {
         (0..12).map(|_| monitor.next_byte(InMemory)).find(|&byte| byte != 0).unwrap_or(0)
@@ -315,7 +319,7 @@ mod tests {
         logged(&mut monitor)
     }
 
-    #[cfg(not(feature = "draft"))]
+    #[cfg(feature = "values")]
     #[test]
     fn a_command_is_logged_with_type_source_transfer_and_value() {
         let event = Event { line: Line::CommandUnitless, bytes: [10, 7, 1], a: 500, b: 3500 };
@@ -323,6 +327,13 @@ mod tests {
             line_of(event),
             "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n"
         );
+    }
+
+    #[cfg(not(any(feature = "draft", feature = "values")))]
+    #[test]
+    fn a_command_is_logged_with_source_transfer_and_pulse() {
+        let event = Event { line: Line::Command, bytes: [10, 7, 1], a: 500, b: 3500 };
+        assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1, pulse 1750.0 us\r\n");
     }
 
     #[test]
@@ -339,7 +350,8 @@ mod tests {
             [(Parameter::CanNode, "CAN_NODE"), (OutputParameter::Reversed.of(0), "OUT1_REVERSED")]
         {
             let b = parameter.index().into();
-            let line = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, 0], a: 1, b });
+            let word = Words::NUMBER.number(0);
+            let line = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, word], a: 1, b });
             assert_eq!(line, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
         }
     }
@@ -353,17 +365,19 @@ mod tests {
             rest.split_once(after).unwrap().0.to_string()
         };
         let zero = [0; 3];
+        let status = [0, 0, Words::HEALTH.number(0)];
+        let command = if HAS_VALUES { Line::CommandUnitless } else { Line::Command };
         for a in 0..=u16::MAX {
-            assert_eq!(field_of(Line::CommandPwm, zero, a, 0, "PWM ", " us"), a.to_string());
+            assert_eq!(field_of(Line::Status, status, a, 0, "up ", " s"), a.to_string());
         }
         for a in i16::MIN..=i16::MAX {
             let sign = if a < 0 { '-' } else { '+' };
             let (whole, rest) = (a.unsigned_abs() / 1000, a.unsigned_abs() % 1000);
             let expected = format!("{sign}{whole}.{rest:03}");
-            assert_eq!(
-                field_of(Line::CommandUnitless, zero, a as u16, 0, "unitless ", ","),
-                expected
-            );
+            if HAS_VALUES {
+                let line = Line::CommandUnitless;
+                assert_eq!(field_of(line, zero, a as u16, 0, "unitless ", ","), expected);
+            }
             let (whole, rest) = (a.unsigned_abs() / 10, a.unsigned_abs() % 10);
             let expected = format!("{sign}{whole}.{rest}");
             assert_eq!(
@@ -379,15 +393,13 @@ mod tests {
             (5000, "2500.0"),
             (65_535, "32767.5"),
         ] {
-            assert_eq!(field_of(Line::CommandPwm, zero, 0, b, "pulse ", " us"), pulse);
+            assert_eq!(field_of(command, zero, 0, b, "pulse ", " us"), pulse);
         }
         for code in 0..=255 {
-            let expected = format!("{code:02X}");
-            assert_eq!(field_of(Line::NotAnswering, [0, 0, code], 0, 0, "CANSTAT ", ")"), expected);
-            assert_eq!(
-                field_of(Line::CommandUnitless, [0, 0, code], 0, 0, ": id ", " "),
-                code.to_string()
-            );
+            let expected = code.to_string();
+            assert_eq!(field_of(Line::NotAnswering, [0, 0, code], 0, 0, "(", ")"), expected);
+            let id = field_of(command, [0, 0, code], 0, 0, ": id ", "pulse");
+            assert_eq!(id.split([',', ' ']).next().unwrap(), code.to_string());
         }
     }
 
@@ -408,7 +420,6 @@ mod tests {
                 "s" => source.to_string(),
                 "t" => transfer.to_string(),
                 "c" => code.to_string(),
-                "x" => format!("{code:02X}"),
                 "w" => word(code.into()),
                 "a" => a.to_string(),
                 "+" => if (a as i16) < 0 { "-" } else { "+" }.to_string(),
@@ -419,6 +430,7 @@ mod tests {
                 "b" => b.to_string(),
                 "p" => format!("{}.{}", b / 2, b % 2 * 5),
                 "n" => "OUT1_REVERSED".to_string(),
+                "o" => "12345678"[..OUTPUTS].to_string(),
                 _ => panic!("unknown field in {text:?}"),
             };
             line += rest;
@@ -468,7 +480,7 @@ mod tests {
         assert_eq!(lines.len(), QUEUE_LEN + 1);
         assert_eq!(lines[0], "AN: running");
         assert!(lines[1].starts_with("5 lines"), "{}", lines[1]);
-        assert!(lines[2..].iter().all(|&line| line == "CAN: bus-off"));
+        assert!(lines[2..].iter().all(|&line| line == "CAN H/L: bus-off"));
         assert_eq!(logged(&mut monitor), "");
     }
 
@@ -481,7 +493,7 @@ mod tests {
         assert!(monitor.log_frame(Line::Running).is_none());
         let text = logged(&mut monitor);
         assert!(text.starts_with("1 lines dropped") && !text.contains("running"), "{text}");
-        assert_eq!(text.matches("CAN: bus-off").count(), QUEUE_LEN - 1);
+        assert_eq!(text.matches("CAN H/L: bus-off").count(), QUEUE_LEN - 1);
     }
 
     #[test]

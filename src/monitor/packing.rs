@@ -53,12 +53,12 @@ impl Field {
     pub const TRANSFER: u8 = 1;
     /// `c`
     pub const CODE: u8 = 2;
-    /// `x`
-    pub const HEX: u8 = 3;
     /// `w`
-    pub const WORD: u8 = 4;
+    pub const WORD: u8 = 3;
     /// `n`
-    pub const NAME: u8 = 5;
+    pub const NAME: u8 = 4;
+    /// `o`
+    pub const OUTPUTS: u8 = 5;
     /// `b`
     pub const B: u8 = 6;
     /// `p`
@@ -71,7 +71,7 @@ impl Field {
     pub const NO_PLACES: u8 = 10;
 
     /// The letters in the order of the numbers.
-    const LETTERS: &[u8; 14] = b"stcxwnbpa+0123";
+    const LETTERS: &[u8; 14] = b"stcwnobpa+0123";
 }
 
 const fn field(letter: u8) -> u16 {

@@ -133,6 +133,12 @@ impl Line {
         }
     }
 
+    /// True if the line tells of a failsafe: it is one from `Failsafe` up to `FailsafeEnd`.
+    pub const fn begins_failsafe(self) -> bool {
+        let after = self.number().wrapping_sub(Self::Failsafe.number());
+        after < Self::FailsafeEnd.number() - Self::Failsafe.number()
+    }
+
     /// True if the line logs that something was rejected.
     pub const fn is_refusal(self) -> bool {
         self.0 & Self::REJECTS != 0
@@ -183,13 +189,19 @@ lines! {
         /// Rejected: a command while the safety switch is on.
         RefusedSafe = "refused: command from %s tid %t, safety switch on",
     }
-    logs if not(feature = "draft") {
+    logs if feature = "values" {
         /// Received and followed a unitless command.
         CommandUnitless = "rx ArrayCommand from %s tid %t: id %c unitless %+%3, pulse %p us",
         /// Received and followed a position command.
         CommandPosition = "rx ArrayCommand from %s tid %t: id %c position %+%3 rad, pulse %p us",
         /// Received and followed a PWM command.
         CommandPwm = "rx ArrayCommand from %s tid %t: id %c PWM %a us, pulse %p us",
+    }
+    logs if not(any(feature = "draft", feature = "values")) {
+        /// Received and followed a command of any type.
+        Command = "rx ArrayCommand from %s tid %t: id %c, pulse %p us",
+    }
+    logs if not(feature = "draft") {
         /// Received a request.
         Request = "rx request %a from %s tid %t",
     }
@@ -201,9 +213,15 @@ lines! {
         /// A parameter was not set: so many outputs have no room at such a rate.
         ParameterNoRoom = "rx GetSet from %s tid %t: OUT_COUNT pulses do not fit at OUT_RATE, %n",
     }
+    logs if feature = "escs" {
+        /// A parameter was not set: a servo is in use, and ESC_RATE or ESC_PWM_TYPE is not the
+        /// default.
+        ParameterOfMotors =
+            "rx GetSet from %s tid %t: ESC_RATE and ESC_PWM_TYPE need OUTn_TYPE 1, %n",
+    }
     logs if feature = "standard" {
         /// A parameter was set.
-        ParameterSet = "rx GetSet from %s tid %t: set %n = %a",
+        ParameterSet = "rx GetSet from %s tid %t: set %n = %w",
         /// A parameter was not set: the value is out of range.
         ParameterRejected = "rx GetSet from %s tid %t: out of range for %n",
         /// The parameters are saved in EEPROM.
@@ -253,36 +271,39 @@ lines! {
         /// The first line after a reset.
         Banner =
             concat!("DroneCAN servo node ", env!("CARGO_PKG_VERSION"), ", node ID %s, reset: %w"),
-        /// The CAN controller is on the bus.
-        Running = "CAN: running",
         /// On request: counts of commands followed and frames rejected.
         CountsIn = "commands followed %a, frames refused %b",
         /// On request: counts of overruns and of frames given up.
         CountsOut = "overruns %a, given up %b",
+        // From here to `GaveUp` in the order of `mcp2515_ordered::Event`, as above.
+        /// The CAN controller is on the bus.
+        Running = "CAN: running",
     }
     begins if all() {
+        /// No chip answers on the SPI: the wires that it can be, and CANSTAT.
+        NotAnswering = concat!("CS ", env!("NODE_CS"), " SI SO SCK 5V? (%c)"),
+        /// A register did not read back as written: its address.
+        NotKeeping = "SI SO SCK? register %c",
+        /// The CAN controller did not enter normal mode: CANSTAT.
+        NotStarting = "CAN H/L: never idle (%c)",
+        /// The CAN controller lost its configuration.
+        ControllerLost = "5V? MCP2515 settings lost",
+        /// INT does not follow the CAN controller.
+        IntWrong = "INT open or shorted",
+        /// The bus has another bit rate than the controller, which listens only.
+        AnotherRate = "another bit rate or crystal",
+        /// No node acknowledges, or the bus is never idle: nothing was sent for a second.
+        GaveUp = "CAN H/L: not sent (%a)",
         /// Two nodes command the output.
         TwoCommanders = "TWO COMMANDERS",
-        /// No chip answers on the SPI. Most often the CAN board has another CS pin.
-        NotAnswering = concat!("CAN: MCP2515 silent (CANSTAT %x), CS ", env!("NODE_CS")),
-        /// A register did not read back as written.
-        NotKeeping = "CAN: MCP2515 forgets register %x",
-        /// The CAN controller did not enter normal mode.
-        NotStarting = "CAN: bus never idle (CANSTAT %x)",
-        /// The CAN controller lost its configuration.
-        ControllerLost = "CAN: MCP2515 lost its settings",
-        /// No node acknowledges, or the bus is never idle.
-        GaveUp = "CAN: nothing sent for 1 s (%a times)",
         /// The CAN controller lost received frames.
-        FramesLost = "CAN: frames lost (%a times)",
+        FramesLost = "CAN: frames lost (%a x)",
         /// The CAN controller is bus-off.
-        BusOff = "CAN: bus-off",
+        BusOff = "CAN H/L: bus-off",
         /// The CAN controller is error-passive.
-        ErrorPassive = "CAN: error-passive",
+        ErrorPassive = "CAN H/L: error-passive",
         /// Values in the EEPROM were lost or out of range. The defaults apply to them.
         ParametersLost = "parameters lost",
-        /// The failsafe begins.
-        Failsafe = "FAILSAFE: no commands",
         /// The temperature leaves its range.
         OutOfRange = "temperature out of range",
         /// The temperature is out of range because the sensor is open or shorted.
@@ -296,37 +317,45 @@ lines! {
         /// The safety switch is on.
         Safe = "safety switch on",
     }
-    begins if feature = "outputs" {
-        /// The failsafe of an output begins.
-        FailsafeOf = "FAILSAFE of output %c",
-    }
     begins if feature = "power" {
         /// The voltage or the current leaves its range.
-        PowerOutOfRange = "voltage or current out of range",
+        PowerOutOfRange = "circuit out of range",
     }
     begins if feature = "rpm" {
         /// There are more pulses of the shaft than the node counts.
         TooManyPulses = "rpm: too many pulses",
     }
+    // These three follow each other: see `begins_failsafe`.
+    begins if all() {
+        /// The failsafe begins.
+        Failsafe = "FAILSAFE: no commands",
+    }
+    begins if feature = "log" {
+        /// There is or was a failsafe, of which the node could not tell.
+        FailsafeMissed = "FAILSAFE while cut off",
+    }
+    begins if feature = "outputs" {
+        /// The outputs in failsafe, after a change: a digit for each.
+        FailsafeOf = "FAILSAFE of output %o",
+    }
     ends if all() {
-        /// The CAN controller is error-active again.
-        ErrorActive = "CAN: error-active",
         /// The failsafe ends.
         FailsafeEnd = "commands again",
+        /// The CAN controller is error-active again.
+        ErrorActive = "CAN: error-active",
         /// The temperature is in its range again.
         OutOfRangeEnd = "temperature in range",
     }
     ends if feature = "standard" {
-        /// The vehicle is armed again.
+        /// The vehicle is armed again, and ARM_REQ requires it.
         DisarmedEnd = "armed",
-    }
-    ends if feature = "outputs" {
-        /// The failsafe of an output ends.
-        FailsafeOfEnd = "commands again for output %c",
+        /// Commands are followed again, and ARM_REQ requires no armed vehicle.
+        UnarmedEnd =
+            if cfg!(feature = "safety") { "safety switch off" } else { "ARM_REQ is 0" },
     }
     ends if feature = "power" {
         /// The voltage and the current are in their ranges again.
-        PowerOutOfRangeEnd = "voltage and current in range",
+        PowerOutOfRangeEnd = "circuit in range",
     }
     ends if feature = "rpm" {
         /// The pulses of the shaft can be counted again.
@@ -359,5 +388,13 @@ lines! {
         HealthError = "ERROR",
         /// NodeStatus health 3.
         HealthCritical = "CRITICAL",
+    }
+    words(NUMBER = Number) if all() {
+        /// A number that is not negative.
+        Number = "%a",
+        /// A negative number.
+        NumberNegative = "-%0",
+        /// A number of thousands.
+        NumberThousands = "%a000",
     }
 }

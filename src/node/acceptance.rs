@@ -6,16 +6,22 @@
 //! full. Their common mask ignores the high byte of a message's type, because that byte is the
 //! service ID in a service. So messages with a type of 1010 modulo 256 also pass.
 //!
-//! All other types share the four filters of RXB1. For up to four types the mask compares all 16
-//! bits of the type. For more types it compares only as many bits of the low byte as let all of
-//! them pass ([`Wide`]).
+//! All other types share the four filters of RXB1, and their frames have no other buffer. For up to
+//! four types the mask compares all 16 bits of the type. For more types it compares only as many
+//! bits of the low byte as let all of them pass ([`Wide`]).
+//!
+//! With several outputs in use the interrupts of their edges take time, in which a second frame
+//! can end. So RXB0 takes every frame ([`Row::WITH_SEVERAL_OUTPUTS`]), and the node drops those of
+//! others.
 
 use dronecan_wire::{Id, NodeId};
-use mcp2515_ordered::{Acceptance, Pattern};
+use mcp2515_ordered::{Acceptance, BitTiming, Pattern};
 
 use crate::progmem::Progmem;
 
 use crate::dialect;
+use crate::hardware::OUTPUTS;
+use crate::tables::bit_rate::{Search, timing};
 use crate::tables::kind::{Filter, Kind};
 
 /// Bytes of a row: registers of six filters and two masks.
@@ -23,6 +29,9 @@ const ROW: usize = 4 * 8;
 
 /// The register with the destination of requests: EID8 of RXF1.
 const DESTINATION: u8 = 4 + 2;
+
+/// The first register of a mask.
+const FIRST_MASK: u8 = 4 * 6;
 
 /// Filters of RXB1.
 const SLOTS: usize = 4;
@@ -38,6 +47,9 @@ impl Row {
     /// The same with esc.RawCommand, for a node with motors. With one type more, the mask compares
     /// fewer bits.
     pub const WITH_MOTORS: Self = Self(HAS_MOTORS as u8);
+    /// A node with several outputs: the filters of [`WITH_ID`](Self::WITH_ID), but masks of 0, so
+    /// that RXB0 takes every frame. It is not in the table.
+    pub const WITH_SEVERAL_OUTPUTS: Self = Self(ROWS as u8);
     /// A node without an ID takes Allocation only: from allocators in RXB0, from other nodes
     /// without an ID in RXB1.
     pub const WITHOUT_ID: Self = Self(if HAS_ALLOCATION { ROWS as u8 - 1 } else { 0 });
@@ -196,13 +208,15 @@ pub const PACKED: [u8; ROW * ROWS] = {
 /// The table in flash: [`PACKED`].
 pub struct Filters;
 
-/// The filters of a node.
+/// The filters of a node, and its search for the bit rate.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NodeAcceptance<P> {
     /// The node's ID; `None` while it has none.
     pub node: Option<NodeId>,
     /// The set of filters.
     pub row: Row,
+    /// The search for the bit rate.
+    pub search: Search,
     /// The flash with [`PACKED`].
     pub flash: P,
 }
@@ -210,7 +224,7 @@ pub struct NodeAcceptance<P> {
 impl<P> NodeAcceptance<P> {
     /// The filters of a node whose ID is not known yet.
     pub const fn nobody(flash: P) -> Self {
-        Self { node: None, row: Row::WITH_ID, flash }
+        Self { node: None, row: Row::WITH_ID, search: Search::NONE, flash }
     }
 }
 
@@ -224,8 +238,18 @@ impl<P: Progmem<Filters>> Acceptance for NodeAcceptance<P> {
             let [_, _, destination, _] = Id::request(0, 0, node.get(), 0).to_bytes();
             return destination;
         }
-        let row = if ROWS == 1 { 0 } else { u16::from(self.row.0) };
+        let mut row = if ROWS == 1 { 0 } else { u16::from(self.row.0) };
+        if OUTPUTS > 1 && row == u16::from(Row::WITH_SEVERAL_OUTPUTS.0) {
+            if n >= FIRST_MASK {
+                return 0;
+            }
+            row = 0;
+        }
         self.flash.byte(row * ROW as u16 + u16::from(n))
+    }
+
+    fn next_timing(&mut self) -> Option<BitTiming> {
+        self.search.take_next().map(timing)
     }
 }
 

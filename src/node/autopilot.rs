@@ -13,9 +13,9 @@ use dronecan_wire::NodeId;
 /// OFFLINE_TIMEOUT_MS is 3000.)
 const OFFLINE_S: u8 = 4;
 
-/// A node is one of two commanders for this time after its command, in seconds: more than one, and
-/// at most two.
-const RECENT_S: u8 = 2;
+/// A node is one of two commanders for this time after its command, in seconds: more than two, and
+/// at most three.
+const RECENT_S: u8 = 3;
 
 /// The autopilot, if there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -111,8 +111,8 @@ mod tests {
     }
 
     #[test]
-    fn a_command_of_another_node_within_a_second_or_two_is_a_second_commander_s() {
-        for (seconds, is_second) in [(0, true), (1, true), (2, false), (3, false)] {
+    fn a_command_of_another_node_within_two_seconds_or_three_is_a_second_commander_s() {
+        for (seconds, is_second) in [(0, true), (1, true), (2, true), (3, false), (4, false)] {
             let mut autopilot = Autopilot::NONE;
             assert!(!autopilot.commanded_by(node(10)));
             assert!(!autopilot.commanded_by(node(10)));

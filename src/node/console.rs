@@ -19,13 +19,11 @@ impl Console {
     }
 
     /// True if the serial monitor may write a character: always if nobody reads it through the bus.
-    #[inline(always)]
     pub fn takes_character(&self, now_ms: u16) -> bool {
         self.tunnel.has_room() && self.log.has_room(now_ms)
     }
 
     /// Keeps a character of this line of the serial monitor, or 0 for none.
-    #[inline(always)]
     pub fn keep_character(&mut self, character: u8, line: Line, now_ms: u16) {
         self.tunnel.push(character);
         self.log.push(character, line, now_ms);

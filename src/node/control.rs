@@ -145,7 +145,7 @@ impl Control {
             return Line::RefusedSource;
         }
         let (source, &[status, ..]) = (status.source, status.bytes());
-        self.outputs.arming.act_on_status(source, status);
+        self.outputs.act_on_arming_status(source, status);
         context.record.note.set_code(status);
         Line::Arming
     }

@@ -7,19 +7,30 @@ use super::Node;
 use super::acceptance::{Filters, NodeAcceptance, Row};
 use super::health::count;
 use crate::monitor::{Line, Monitor};
+use crate::parts::log;
 use crate::progmem::Progmem;
+use crate::tables::bit_rate::Search;
 use crate::tables::condition::Conditions;
+use crate::tables::parameters::Parameter;
 
 impl Node {
-    /// The filters and masks for the CAN controller.
+    /// The filters and masks for the CAN controller, and the search for the bit rate.
     pub fn acceptance<P: Progmem<Filters>>(&self, flash: P) -> NodeAcceptance<P> {
         let row = if self.identity.id == 0 { Row::WITHOUT_ID } else { self.row() };
-        NodeAcceptance { node: NodeId::new(self.identity.id), row, flash }
+        let search = Search::new(self.parameters.get(Parameter::CanBaudrate) as u8);
+        NodeAcceptance { node: NodeId::new(self.identity.id), row, search, flash }
     }
 
     /// The set of filters for a node with an ID.
+    #[inline(never)]
     pub(super) fn row(&self) -> Row {
-        if self.control.outputs.has_motors() { Row::WITH_MOTORS } else { Row::WITH_ID }
+        if self.control.outputs.used() > 1 {
+            Row::WITH_SEVERAL_OUTPUTS
+        } else if self.control.outputs.has_motors() {
+            Row::WITH_MOTORS
+        } else {
+            Row::WITH_ID
+        }
     }
 
     /// How often the controller tries to send a frame. An anonymous frame is sent once, because
@@ -49,23 +60,25 @@ impl Node {
     /// Acts on an event of the CAN controller.
     #[inline(never)]
     pub fn notice(&mut self, notice: Notice, monitor: &mut Monitor) {
+        if !matches!(notice.event, CanEvent::Running | CanEvent::Flags) {
+            self.record.health.happened(Conditions::CONTROLLER);
+        }
         let line = match notice.event {
-            CanEvent::Flags => return self.flags(ErrorFlags(notice.value), monitor),
             CanEvent::Running => Line::Running,
             CanEvent::NotAnswering => Line::NotAnswering,
             CanEvent::NotKeeping => Line::NotKeeping,
             CanEvent::NotStarting => Line::NotStarting,
             CanEvent::Lost => Line::ControllerLost,
+            CanEvent::IntWrong => Line::IntWrong,
+            CanEvent::AnotherRate => Line::AnotherRate,
             CanEvent::GaveUpSending => Line::GaveUp,
+            CanEvent::Flags => return self.flags(ErrorFlags(notice.value), monitor),
         };
+        let event = monitor.log_line(line);
+        event.set_code(notice.value);
         if notice.event == CanEvent::GaveUpSending {
             count(&mut self.record.health.counts.given_up);
         }
-        if notice.event != CanEvent::Running {
-            self.record.health.happened(Conditions::CONTROLLER);
-        }
-        let event = monitor.log_line(line);
-        event.set_code(notice.value);
         event.set_a(self.record.health.counts.given_up);
     }
 
@@ -80,6 +93,14 @@ impl Node {
             monitor.log_line(Line::BusOff);
         }
         let is_passive = flags.error_passive();
+        if log::IS_THERE
+            && !is_passive
+            && self.record.health.has(Conditions::ERROR_PASSIVE)
+            && self.record.health.has(Conditions::FAILSAFE)
+        {
+            // The messages of a node that was cut off are lost.
+            monitor.log_line(Line::FailsafeMissed);
+        }
         self.record.health.set(
             Conditions::ERROR_PASSIVE,
             is_passive,

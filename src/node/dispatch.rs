@@ -47,7 +47,6 @@ macro_rules! act {
             }
 
             /// Acts on a complete request. Returns the line to log, and what its response needs.
-            #[inline(always)]
             #[allow(unused_variables, reason = "a build may have no request")]
             pub(super) fn act_on_request(
                 &mut self,
@@ -62,7 +61,6 @@ macro_rules! act {
             }
 
             /// Begins the response to a request of this kind. Returns false if it has to wait.
-            #[inline(always)]
             #[allow(unused_variables, reason = "a build may have no request")]
             pub(super) fn respond<C: CanCounters, P: Constants>(
                 &mut self,

@@ -31,7 +31,7 @@ pub fn count(counter: &mut u16) {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
     conditions: Conditions,
-    /// Seconds until the temporary conditions are cleared.
+    /// Beginnings of a second until the temporary conditions are cleared.
     hold_s: u8,
     /// Events since the start.
     pub counts: Counts,
@@ -64,6 +64,14 @@ impl Health {
     /// True if this condition is set.
     pub fn has(&self, condition: Conditions) -> bool {
         self.conditions.has(condition)
+    }
+
+    /// True if other nodes do not receive what the node sends, or did not a moment ago.
+    pub fn is_or_was_cut_off(&self) -> bool {
+        let signs = Conditions::ERROR_PASSIVE.code()
+            | Conditions::BUS_OFF.code()
+            | Conditions::CONTROLLER.code();
+        self.code() & signs != 0
     }
 
     /// The worst level that the masks give to a condition that is set, except those that are
@@ -113,7 +121,8 @@ impl Health {
     pub fn happened(&mut self, condition: Conditions) {
         self.conditions.set(condition, true);
         if condition != Conditions::TRANSFER_ERRORS || self.hold_s == 0 {
-            self.hold_s = self.hold_s.max(HOLD_S);
+            // The first second may begin at once.
+            self.hold_s = self.hold_s.max(HOLD_S + 1);
         }
     }
 
@@ -185,7 +194,7 @@ mod tests {
         for _ in 0..3 {
             health.set(Conditions::ERROR_PASSIVE, true, LINES, &mut monitor);
         }
-        assert_eq!(logged(&mut monitor), "CAN: error-passive\r\n");
+        assert_eq!(logged(&mut monitor), "CAN H/L: error-passive\r\n");
         for _ in 0..3 {
             health.set(Conditions::ERROR_PASSIVE, false, LINES, &mut monitor);
         }
@@ -194,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn temporary_conditions_stay_set_for_ten_seconds_and_others_until_cleared() {
+    fn temporary_conditions_stay_set_for_ten_whole_seconds_and_others_until_cleared() {
         let (mut health, mut monitor) = (Health::new(), Monitor::new());
         health.set(Conditions::FAILSAFE, true, LINES, &mut monitor);
         for again in [3, 9, 0] {
@@ -204,7 +213,7 @@ mod tests {
             }
         }
         health.happened(Conditions::FRAMES_LOST);
-        for second in 0..10 {
+        for second in 0..11 {
             assert_eq!(health.code(), 1 << 5 | 1 << 7 | 1 << 10, "{second}");
             health.second();
         }
@@ -215,7 +224,7 @@ mod tests {
 
     #[test]
     fn the_cause_of_a_reset_is_told_for_a_minute_and_what_happens_then_for_ten_seconds() {
-        for (fault_at, clear_at) in [(None, 60), (Some(5), 60), (Some(55), 65), (Some(70), 60)] {
+        for (fault_at, clear_at) in [(None, 60), (Some(5), 60), (Some(55), 66), (Some(70), 60)] {
             let mut health = Health::new();
             health.start(ResetCause::BROWN_OUT);
             let seconds = (0..100).filter(|&second| {
@@ -237,7 +246,7 @@ mod tests {
         health.happened(Conditions::BUS_OFF);
         for second in 0..30 {
             health.happened(Conditions::TRANSFER_ERRORS);
-            assert_eq!(health.has(Conditions::BUS_OFF), second < 10, "{second}");
+            assert_eq!(health.has(Conditions::BUS_OFF), second < 11, "{second}");
             assert!(health.has(Conditions::TRANSFER_ERRORS));
             health.second();
         }

@@ -24,7 +24,6 @@ impl Identity {
 
     /// Allocation: an ID for this node, or what another node asks for.
     #[allow(dead_code, reason = "a build may leave out its row")]
-    #[inline(always)]
     pub fn act_on_allocation(&mut self, message: &Transfer, context: &mut Context) -> Line {
         if self.id != 0 {
             return Line::AllocationElsewhere;

@@ -54,6 +54,7 @@ use crate::dialect;
 use crate::eeprom::Eeprom;
 use crate::hardware::{Input, ShaftPulses};
 use crate::monitor::{Line, Monitor, Words};
+use crate::parts::log;
 use crate::parts::outputs::Pulses;
 use crate::parts::outputs::travel::Ticks;
 use crate::parts::update::Update;
@@ -153,7 +154,7 @@ impl Node {
         let banner = monitor.log_line(Line::Banner);
         banner.set_source(self.identity.id);
         banner.set_code(Words::RESET.number(cause.0));
-        self.transmission.publisher.start();
+        self.transmission.publisher.publish_status(0);
         self.identity.allocation.start(&self.identity.unique_id, 0);
         self.update.start(has_loader);
     }
@@ -185,32 +186,27 @@ impl Node {
     }
 
     /// The brightness of the light, 0 to 255.
-    #[inline(always)]
     pub fn light(&self) -> u8 {
         self.control.lights.brightness()
     }
 
     /// True if the program has run for a minute.
-    #[inline(always)]
     pub fn has_run_a_minute(&self) -> bool {
         self.clock.uptime_s >= 60
     }
 
     /// Takes the state of the button during the last `passed_ms` milliseconds.
-    #[inline(always)]
     pub fn read_button(&mut self, is_pressed: bool, passed_ms: u8, monitor: &mut Monitor) {
         let publisher = &mut self.transmission.publisher;
         self.sensors.read_button(is_pressed, passed_ms, publisher, monitor);
     }
 
     /// True if a chore is pending.
-    #[inline(always)]
     pub fn has_chore(&self) -> bool {
         !self.chores.is_empty()
     }
 
     /// Does one pending chore.
-    #[inline(always)]
     pub fn do_chore(&mut self, now_ms: u16, monitor: &mut Monitor) {
         if self.chores.remove(Chore::ApplyParameters) {
             self.apply_next_parameters();
@@ -286,11 +282,10 @@ impl Node {
         if self.console.log.is_due(now_ms) {
             self.transmission.publisher.publish(Publication::LogMessage);
         }
-        if self.control.outputs.tick(now_ms, &self.parameters) {
-            if self.control.outputs.hears_nothing() {
-                self.filters.change();
-            }
-            self.record.health.set(Conditions::FAILSAFE, true, [Line::Failsafe; 2], monitor);
+        if self.control.outputs.tick(now_ms, &self.parameters)
+            && self.control.outputs.hears_nothing()
+        {
+            self.filters.change();
         }
         self.report_outputs(monitor);
         if now_ms.wrapping_sub(self.clock.second_ms) >= 1000 {
@@ -301,32 +296,31 @@ impl Node {
 
     /// Logs and publishes what has changed with the outputs: their failsafes, and if the vehicle is
     /// disarmed.
-    #[inline(always)]
     fn report_outputs(&mut self, monitor: &mut Monitor) {
-        if let Some((output, begins)) = self.control.outputs.take_change() {
-            let line = if begins { Line::FailsafeOf } else { Line::FailsafeOfEnd };
-            monitor.log_line(line).set_code(output as u8 + 1);
+        if !self.control.outputs.has_recovered() {
+            self.record.health.set(Conditions::FAILSAFE, true, [Line::Failsafe; 2], monitor);
+        }
+        if self.control.outputs.take_change() {
+            let failing = self.control.outputs.failing();
+            if failing != 0 {
+                monitor.log_line(Line::FailsafeOf).set_code(failing);
+            }
             self.transmission.publisher.publish(Publication::FailsafeOutputs);
         }
         let is_safe = self.control.outputs.safety.is_safe();
         let is_disarmed = is_safe || self.control.outputs.arming.is_disarmed(&self.parameters);
         let begins = if is_safe { Line::Safe } else { Line::Disarmed };
-        self.record.health.set(
-            Conditions::DISARMED,
-            is_disarmed,
-            [begins, Line::DisarmedEnd],
-            monitor,
-        );
+        let requires_armed = self.parameters.is_on(Parameter::ArmReq);
+        let ends = if requires_armed { Line::DisarmedEnd } else { Line::UnarmedEnd };
+        self.record.health.set(Conditions::DISARMED, is_disarmed, [begins, ends], monitor);
     }
 
     /// True if an entry of a command waits to be followed.
-    #[inline(always)]
     pub fn has_entry(&self) -> bool {
         self.control.outputs.has_entry()
     }
 
     /// Follows the next entry of a command, and counts and logs it.
-    #[inline(always)]
     pub fn follow_next(&mut self, now_ms: u16, monitor: &mut Monitor, board: &mut impl Pulses) {
         let followed = self.control.outputs.follow_next(
             &mut self.record.note,
@@ -347,10 +341,12 @@ impl Node {
     }
 
     /// Ends the failsafe if commands are followed again.
-    #[inline(always)]
     fn end_failsafe(&mut self, monitor: &mut Monitor) {
         if self.record.health.has(Conditions::FAILSAFE) && self.control.outputs.has_recovered() {
-            self.record.health.set(Conditions::FAILSAFE, false, [Line::FailsafeEnd; 2], monitor);
+            // The messages of a node that was cut off are lost.
+            let was_cut_off = log::IS_THERE && self.record.health.is_or_was_cut_off();
+            let line = if was_cut_off { Line::FailsafeMissed } else { Line::FailsafeEnd };
+            self.record.health.set(Conditions::FAILSAFE, false, [line; 2], monitor);
         }
     }
 
@@ -369,14 +365,12 @@ impl Node {
     }
 
     /// True if the serial monitor may write a character.
-    #[inline(always)]
     pub fn takes_character(&self, now_ms: u16) -> bool {
         self.console.takes_character(now_ms)
     }
 
     /// Keeps a character of this line of the serial monitor, or 0 for none, for whoever reads it
     /// through the bus.
-    #[inline(always)]
     pub fn keep_character(&mut self, character: u8, line: Line, now_ms: u16) {
         self.console.keep_character(character, line, now_ms);
     }

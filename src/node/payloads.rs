@@ -13,8 +13,12 @@ use crate::dialect;
 use crate::hardware::CanCounters;
 use crate::tables::parameters::{OutputParameter, Parameter, Parameters};
 
-/// NodeStatus mode: the node has measured no temperature yet.
+/// NodeStatus mode (DSDL 341.NodeStatus.uavcan): the node works.
+const MODE_OPERATIONAL: u8 = 0;
+/// The node has measured no temperature yet.
 const MODE_INITIALIZATION: u8 = 1;
+/// The node has accepted an update, and ends its program soon.
+const MODE_SOFTWARE_UPDATE: u8 = 3;
 
 /// Where a payload goes, and what else it needs.
 #[allow(dead_code, reason = "a build may have no message that needs one")]
@@ -37,7 +41,7 @@ impl Node {
     pub(super) fn put_status(&mut self, now_ms: u16) -> bool {
         let level =
             self.record.health.level(&self.parameters, self.control.outputs.excused(now_ms));
-        let mode = if self.sensors.temperature.is_known() { 0 } else { MODE_INITIALIZATION };
+        let mode = self.mode();
         let outgoing = &mut self.transmission.outgoing;
         let code = self.record.health.code();
         let len = dialect::put_status(self.clock.uptime_s, level, mode, code, &mut |word| {
@@ -45,6 +49,18 @@ impl Node {
         });
         self.transmission.outgoing.payload.len = len;
         true
+    }
+
+    /// The mode in NodeStatus.
+    #[inline(never)]
+    fn mode(&self) -> u8 {
+        if self.update.is_accepted() {
+            MODE_SOFTWARE_UPDATE
+        } else if self.sensors.temperature.is_known() {
+            MODE_OPERATIONAL
+        } else {
+            MODE_INITIALIZATION
+        }
     }
 
     /// actuator.Status of the next output.
@@ -63,7 +79,6 @@ impl Node {
     }
 
     /// Allocation: the next part of the request.
-    #[inline(always)]
     pub(super) fn put_allocation(&mut self, now_ms: u16) -> bool {
         self.identity.allocation.request(&self.identity.unique_id, now_ms, |byte| {
             self.transmission.outgoing.put8(byte)
@@ -75,7 +90,6 @@ impl Node {
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Sensors {
     /// device.Temperature.
-    #[inline(always)]
     pub fn put_temperature<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         filling.outgoing.put16(filling.parameters.get(Parameter::TempId));
         filling.outgoing.put16(float16::from_fixed(self.temperature.kelvin_64ths(), 6));
@@ -84,21 +98,18 @@ impl Sensors {
     }
 
     /// The temperature in degrees Celsius, as the thesis's node measured it.
-    #[inline(always)]
     pub fn put_degrees_celsius<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         filling.outgoing.put8(self.temperature.celsius().clamp(0, 255) as u8);
         true
     }
 
     /// The presses of the button.
-    #[inline(always)]
     pub fn put_presses<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         filling.outgoing.put8(self.button.count() as u8);
         true
     }
 
     /// KeyValue: the presses of the button.
-    #[inline(always)]
     pub fn put_key_value<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         put_float32(filling.outgoing, self.button.count());
         filling.outgoing.put16(u16::from_le_bytes(*b"bt"));
@@ -107,7 +118,6 @@ impl Sensors {
     }
 
     /// indication.Button.
-    #[inline(always)]
     pub fn put_button<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         /// BUTTON_SAFETY.
         const SAFETY: u8 = 1;
@@ -117,7 +127,6 @@ impl Sensors {
     }
 
     /// CircuitStatus.
-    #[inline(always)]
     pub fn put_circuit_status<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         filling.outgoing.put16(filling.parameters.get(Parameter::Pwr1Id));
         filling.outgoing.put16(self.power.voltage());
@@ -127,7 +136,6 @@ impl Sensors {
     }
 
     /// BatteryInfo.
-    #[inline(always)]
     pub fn put_battery_info<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         self.put_battery(filling.parameters, filling.outgoing)
     }
@@ -145,7 +153,6 @@ impl Sensors {
     }
 
     /// RPM.
-    #[inline(always)]
     pub fn put_rpm<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         let parameters = filling.parameters;
         filling.outgoing.put8(parameters.get(Parameter::RpmId) as u8);
@@ -158,7 +165,6 @@ impl Sensors {
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Control {
     /// KeyValue: the outputs in failsafe.
-    #[inline(always)]
     pub fn put_failsafe_outputs<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         put_float32(filling.outgoing, self.outputs.failing().into());
         filling.outgoing.put16(u16::from_le_bytes(*b"fs"));
@@ -181,7 +187,6 @@ impl Control {
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Record {
     /// CanStats.
-    #[inline(always)]
     pub fn put_can_stats<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         // The only interface.
         filling.outgoing.put8(0);
@@ -194,14 +199,12 @@ impl Record {
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Console {
     /// LogMessage.
-    #[inline(always)]
     pub fn put_log_message<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         self.log.take(filling.now_ms, |byte| filling.outgoing.put8(byte));
         true
     }
 
     /// tunnel.Targetted.
-    #[inline(always)]
     pub fn put_targetted<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         self.tunnel.take(filling.now_ms, |byte| filling.outgoing.put8(byte));
         true

@@ -139,9 +139,9 @@ impl Publisher {
         }
     }
 
-    /// Makes the first status due, without the minimum time.
-    pub fn start(&mut self) {
-        self.status_sent_ms = MIN_STATUS_PERIOD_MS.wrapping_neg();
+    /// Makes a status due, without the minimum time.
+    pub fn publish_status(&mut self, now_ms: u16) {
+        self.status_sent_ms = now_ms.wrapping_sub(MIN_STATUS_PERIOD_MS);
         self.publish(Publication::NodeStatus);
     }
 
@@ -152,7 +152,6 @@ impl Publisher {
     }
 
     /// Makes a message no longer due.
-    #[inline(always)]
     pub fn withdraw(&mut self, publication: Publication) {
         self.due = self.due.without(publication);
     }
@@ -193,7 +192,6 @@ impl Publisher {
     }
 
     /// Takes note of the autopilot's status, which makes the node's own due.
-    #[inline(always)]
     pub fn autopilot_status(&mut self, now_ms: u16) {
         self.occasion_ms = now_ms;
         // If the last status was too recent, `next` delays this one.
@@ -259,7 +257,7 @@ mod tests {
     #[test]
     fn messages_go_in_the_order_of_the_table() {
         let mut publisher = Publisher::new();
-        publisher.start();
+        publisher.publish_status(0);
         for publication in Publication::all() {
             publisher.publish(publication);
         }

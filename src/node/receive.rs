@@ -16,7 +16,6 @@ use crate::tables::wire::Transfer;
 
 impl Node {
     /// Acts on a received frame and on the transfer that it completes.
-    #[inline(always)]
     pub fn receive(
         &mut self,
         frame: &Frame,
@@ -27,6 +26,10 @@ impl Node {
     ) {
         let segment = match dialect::segment(frame, self.identity.id) {
             Ok(segment) => segment,
+            // With several outputs the filters let the frames of others pass.
+            Err(Rejection::Anonymous | Rejection::Unknown) if self.control.outputs.used() > 1 => {
+                return;
+            }
             Err(rejection) => return self.record.reject(rejection, frame, monitor),
         };
         let kind = segment.kind;
@@ -52,7 +55,7 @@ impl Node {
         let line = if transfer.kind.is_request() {
             let reply = self.act_on_request(transfer, flash);
             if !reply.line.is_refusal() {
-                self.transmission.services.add(transfer, reply.argument, reply.value);
+                self.transmission.services.add(transfer, reply.argument, reply.value, now_ms);
             }
             reply.line
         } else {
@@ -71,7 +74,6 @@ impl Node {
 
     /// tunnel.Targetted: a character for the serial monitor, or the request to see it.
     #[allow(dead_code, reason = "a build may leave out its row")]
-    #[inline(always)]
     pub(super) fn act_on_targetted(
         &mut self,
         message: &Transfer,

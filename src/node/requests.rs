@@ -5,10 +5,11 @@ use super::get_set::GetSet;
 use super::outgoing::Form;
 use super::services::{ANSWERS_WHILE_SAVING, Pending, Reply, Response};
 use crate::hardware::{CanCounters, OUTPUTS};
-use crate::monitor::Line;
+use crate::monitor::{self, Line, Words};
 use crate::parts::stats;
 use crate::parts::update::{HAS_TEXTS, Verdict};
 use crate::tables::condition::Conditions;
+use crate::tables::parameters::Conflict;
 use crate::tables::wire::Transfer;
 use crate::tables::{Constants, information, parameters};
 
@@ -28,12 +29,10 @@ const ERROR_INVALID_MODE: u8 = 1;
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Node {
     /// Accepts a request that needs no action.
-    #[inline(always)]
     pub(super) fn accept(&mut self, _: &Transfer, _: impl Constants) -> Reply {
         Reply::of(Line::Request)
     }
 
-    #[inline(always)]
     pub(super) fn respond_node_info<C, P>(
         &mut self,
         _: &Pending,
@@ -45,7 +44,6 @@ impl Node {
         true
     }
 
-    #[inline(always)]
     pub(super) fn respond_stats<C: CanCounters, P>(
         &mut self,
         _: &Pending,
@@ -59,7 +57,6 @@ impl Node {
         true
     }
 
-    #[inline(always)]
     pub(super) fn act_on_restart(&mut self, request: &Transfer, _: impl Constants) -> Reply {
         // The magic number is 0xACCE551B1E (DSDL uavcan/protocol/5.RestartNode.uavcan).
         let is_accepted =
@@ -71,11 +68,14 @@ impl Node {
     }
 
     /// The response to RestartNode: one bit.
-    #[inline(always)]
-    pub(super) fn respond_ok<C, P>(&mut self, pending: &Pending, _: &mut Response<C, P>) -> bool {
+    pub(super) fn respond_ok<C, P>(
+        &mut self,
+        pending: &Pending,
+        context: &mut Response<C, P>,
+    ) -> bool {
         // A restart would cut off the save, to which the response comes later.
         if ANSWERS_WHILE_SAVING && self.store.is_saving() {
-            self.transmission.services.postpone();
+            self.transmission.services.postpone(context.now_ms);
             return false;
         }
         self.transmission.outgoing.put8(pending.argument << 7);
@@ -84,18 +84,42 @@ impl Node {
 
     /// True if type, ID and number of the outputs must not change, because the vehicle is armed: a
     /// motor would stop. A single output is no motor.
-    #[inline(always)]
     fn are_outputs_fixed(&self) -> bool {
         OUTPUTS > 1 && self.control.outputs.arming.is_armed()
     }
 
-    #[inline(always)]
+    /// Notes the number that a parameter is set to. An event has 16 bits of it and a word: for its
+    /// sign, or for the thousands of a bit rate, which is the only larger number.
+    fn note_number(&mut self, value: i32) {
+        if !monitor::IS_THERE {
+            return;
+        }
+        let mut number = value as u16;
+        let mut high = (value >> 16) as u8;
+        let mut word = Words::NUMBER.number(0);
+        if (high as i8) < 0 {
+            word = Words::NUMBER.number(1);
+        } else if high != 0 {
+            word = Words::NUMBER.number(2);
+            // 1, 3, 7 and 15 are the upper bits of 125,000, doubled up to three times.
+            number = 125;
+            while high != 1 {
+                high >>= 1;
+                number <<= 1;
+            }
+        }
+        self.record.note.set_code(word);
+        self.record.note.set_a(number);
+    }
+
     pub(super) fn act_on_get_set(&mut self, request: &Transfer, flash: impl Constants) -> Reply {
         let Some(GetSet { parameter, value }) = GetSet::read(request, flash) else {
             return Reply::of(Line::RefusedLength);
         };
         let mut line = Line::Request;
         if let Some(value) = value {
+            self.note_number(value);
+            self.record.note.set_b(u16::from(parameter));
             let is_fixed = self.are_outputs_fixed()
                 && parameters::is_of_outputs(parameter)
                 && self.parameters.value(parameter) != Some(value as u16);
@@ -103,18 +127,16 @@ impl Node {
                 line = Line::ParameterSet;
                 self.apply_parameters();
             } else if parameter < parameters::COUNT as u8 {
-                line = Line::ParameterRejected;
-                if self.parameters.has_no_room(parameter, value as u16) {
-                    line = Line::ParameterNoRoom;
-                }
+                line = match self.parameters.conflict(parameter, value as u16) {
+                    None => Line::ParameterRejected,
+                    Some(Conflict::NoRoom) => Line::ParameterNoRoom,
+                    Some(Conflict::Servo) => Line::ParameterOfMotors,
+                };
             }
-            self.record.note.set_a(value as u16);
-            self.record.note.set_b(u16::from(parameter));
         }
         Reply { line, argument: parameter, value: self.parameters.value(parameter).unwrap_or(0) }
     }
 
-    #[inline(always)]
     pub(super) fn respond_get_set<C, P: Constants>(
         &mut self,
         pending: &Pending,
@@ -132,7 +154,6 @@ impl Node {
         true
     }
 
-    #[inline(always)]
     pub(super) fn act_on_opcode(&mut self, request: &Transfer, flash: impl Constants) -> Reply {
         let &[opcode, ..] = request.bytes();
         if request.len() != 7 {
@@ -147,7 +168,6 @@ impl Node {
         Reply { argument: is_done.into(), ..Reply::of(Line::Request) }
     }
 
-    #[inline(always)]
     pub(super) fn respond_opcode<C, P>(
         &mut self,
         pending: &Pending,
@@ -155,20 +175,21 @@ impl Node {
     ) -> bool {
         let mut is_done = pending.argument != 0;
         if is_done {
-            if !self.transmission.services.is_saving {
-                self.transmission.services.is_saving = true;
+            if self.parameters.take_change() {
                 self.store.save();
             }
             if self.store.is_saving() {
-                self.transmission.services.postpone();
+                self.transmission.services.postpone(context.now_ms);
                 return false;
             }
             is_done = self.store.is_saved();
             if is_done {
                 self.record.health.clear(Conditions::PARAMETERS_LOST);
                 self.update.parameters_are_saved();
+            } else {
+                // The next SAVE tries again.
+                self.parameters.are_not_saved();
             }
-            self.transmission.services.is_saving = false;
             context.monitor.log_line(if is_done { Line::Saved } else { Line::NotSaved });
         }
         // 48 bits of the argument, then one bit.
@@ -177,7 +198,6 @@ impl Node {
         true
     }
 
-    #[inline(always)]
     pub(super) fn act_on_update(&mut self, request: &Transfer, _: impl Constants) -> Reply {
         let verdict = self.update.act_on_request(request, self.control.outputs.are_in_use()) as u8;
         if Verdict::is_accepted(verdict) {
@@ -186,23 +206,32 @@ impl Node {
         Reply { argument: verdict, ..Reply::of(Line::Request) }
     }
 
-    #[inline(always)]
     pub(super) fn respond_update<C, P>(
         &mut self,
         pending: &Pending,
-        _: &mut Response<C, P>,
+        context: &mut Response<C, P>,
     ) -> bool {
         // A restart would cut off the save, to which the response comes later.
         if ANSWERS_WHILE_SAVING && self.store.is_saving() {
-            self.transmission.services.postpone();
+            self.transmission.services.postpone(context.now_ms);
             return false;
         }
-        let is_accepted = Verdict::is_accepted(pending.argument);
-        self.transmission.outgoing.put8(if is_accepted { ERROR_OK } else { ERROR_INVALID_MODE });
+        let mut verdict = pending.argument;
+        let mut error = ERROR_INVALID_MODE;
+        if Verdict::is_accepted(verdict) {
+            error = ERROR_OK;
+            // The outputs may be in use again since the request.
+            self.calls_off_update(context.monitor);
+            if !self.update.is_accepted() {
+                verdict = Verdict::IN_USE;
+                error = ERROR_INVALID_MODE;
+            }
+        }
+        self.transmission.outgoing.put8(error);
         if !HAS_TEXTS {
             return true;
         }
-        let (text_at, text_len) = Verdict::text(pending.argument);
+        let (text_at, text_len) = Verdict::text(verdict);
         self.transmission.outgoing.payload.form = Form::Text;
         self.transmission.outgoing.payload.text_at = text_at;
         self.transmission.outgoing.payload.len = 1 + text_len;

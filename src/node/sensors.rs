@@ -63,7 +63,6 @@ impl Sensors {
     }
 
     /// Takes the state of the button during the last `passed_ms` milliseconds.
-    #[inline(always)]
     pub fn read_button(
         &mut self,
         is_pressed: bool,

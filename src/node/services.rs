@@ -3,18 +3,18 @@
 //! first.
 
 use crate::monitor::{Line, Monitor};
-use crate::parts::update::Verdict;
+use crate::parts::update::{self, Verdict};
 use crate::tables::kind::Kind;
 use crate::tables::wire::Transfer;
 
 /// Requests that can wait for their response. A power of two. GUI tools send five at once.
 const WAITING: usize = 8;
 
-/// Time from the hand-over of a RestartNode response to the restart, in milliseconds. In this time
-/// the servo reaches its failsafe position.
+/// Least time from a request to restart to the restart, in milliseconds. In this time the servo
+/// reaches its failsafe position, and the response leaves.
 const RESTART_MS: u16 = 100;
 
-/// The same if the controller has not sent all frames until then, because the bus is full.
+/// The same if the responses have not left until then, because the bus is full.
 const UNSENT_MS: u16 = 1000;
 
 /// True if other responses go before the one that waits for a save.
@@ -50,7 +50,6 @@ pub struct Reply {
 
 impl Reply {
     /// A reply that needs nothing else.
-    #[inline(always)]
     pub const fn of(line: Line) -> Self {
         Self { line, argument: 0, value: 0 }
     }
@@ -79,12 +78,11 @@ pub struct Services {
     waiting: [Pending; WAITING],
     first: u8,
     count: u8,
-    /// True while a response waits for the save that it has begun.
-    pub is_saving: bool,
-    /// True once the response to an accepted RestartNode was handed over.
+    /// True once a request to restart was accepted.
     is_to_restart: bool,
-    /// When that was, in milliseconds. Valid if `is_to_restart`.
-    responded_ms: u16,
+    /// When that was, or the end of the save during which it was, in milliseconds. Valid if
+    /// `is_to_restart`.
+    accepted_ms: u16,
 }
 
 impl Services {
@@ -94,14 +92,12 @@ impl Services {
             waiting: [Pending::NONE; WAITING],
             first: 0,
             count: 0,
-            is_saving: false,
             is_to_restart: false,
-            responded_ms: 0,
+            accepted_ms: 0,
         }
     }
 
     /// True if the queue has no room for another request.
-    #[inline(always)]
     pub fn is_full(&self) -> bool {
         self.count == WAITING as u8
     }
@@ -118,8 +114,7 @@ impl Services {
     }
 
     /// Adds a request. There must be room. `argument` and `value` are those of its response.
-    #[inline(always)]
-    pub fn add(&mut self, request: &Transfer, argument: u8, value: u16) {
+    pub fn add(&mut self, request: &Transfer, argument: u8, value: u16, now_ms: u16) {
         let pending = self.place(self.count);
         pending.kind = request.kind;
         pending.to = request.source;
@@ -128,50 +123,47 @@ impl Services {
         pending.argument = argument;
         pending.value = value;
         self.count += 1;
+        let restarts = match request.kind {
+            Kind::RestartNode => argument != 0,
+            kind => is(kind, Kind::BeginFirmwareUpdate) && Verdict::is_accepted(argument),
+        };
+        if restarts && !self.is_to_restart {
+            self.is_to_restart = true;
+            self.accepted_ms = now_ms;
+        }
     }
 
-    /// Puts the oldest request behind all others, if others go first.
-    #[inline(always)]
-    pub fn postpone(&mut self) {
+    /// Puts the oldest request, which waits for a save, behind all others, if others go first.
+    pub fn postpone(&mut self, now_ms: u16) {
         if ANSWERS_WHILE_SAVING {
+            self.accepted_ms = now_ms;
             let pending = *self.place(0);
             *self.place(self.count) = pending;
             self.first = (self.first + 1) % WAITING as u8;
         }
     }
 
-    /// Removes the oldest request: the last frame of its response was handed over.
-    #[inline(always)]
-    pub fn responded(&mut self, now_ms: u16) {
-        let &mut Pending { kind, argument, .. } = self.place(0);
+    /// Removes the oldest request: the last frame of its response was handed over. Returns true if
+    /// the program ends soon, maybe for an update: a status tells of that before.
+    pub fn responded(&mut self) -> bool {
         self.count -= 1;
         self.first = (self.first + 1) % WAITING as u8;
-        let restarts = match kind {
-            Kind::RestartNode => argument != 0,
-            kind => is(kind, Kind::BeginFirmwareUpdate) && Verdict::is_accepted(argument),
-        };
-        if restarts && !self.is_to_restart {
-            self.is_to_restart = true;
-            self.responded_ms = now_ms;
-        }
+        update::IS_THERE && self.is_to_restart
     }
 
     /// The program does not restart after all.
-    #[inline(always)]
     pub fn call_off_restart(&mut self) {
         self.is_to_restart = false;
     }
 
     /// True if it is time to restart the program. `is_empty`: the controller has no frame to send.
-    #[inline(always)]
     pub fn is_to_restart(&self, now_ms: u16, is_empty: bool) -> bool {
-        let wait_ms = if is_empty { RESTART_MS } else { UNSENT_MS };
-        self.is_to_restart && now_ms.wrapping_sub(self.responded_ms) >= wait_ms
+        let wait_ms = if is_empty && self.is_empty() { RESTART_MS } else { UNSENT_MS };
+        self.is_to_restart && now_ms.wrapping_sub(self.accepted_ms) >= wait_ms
     }
 }
 
 /// True if a kind is `wanted`, which the build may leave out.
-#[inline(always)]
 fn is(kind: Kind, wanted: Kind) -> bool {
     wanted != Kind::Unknown && kind == wanted
 }

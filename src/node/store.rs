@@ -166,14 +166,18 @@ impl Store {
         let mut marker = read(parameters.bytes(), base, eeprom);
         let mut is_lost = false;
         if !is_usable(marker) {
-            // A save that was cut leaves no marker. So this copy was complete, and has changed.
-            is_lost = newest != NO_RECORD;
+            // A save that was cut leaves no marker, or any byte in its place, seldom one of this
+            // layout. So a copy with such a marker was complete, and has changed.
+            is_lost = is_usable(newest);
             base ^= OTHER;
             marker = read(parameters.bytes(), base, eeprom);
         }
         if is_usable(marker) {
             self.base = base ^ OTHER;
             self.next_marker = next(marker);
+            if is_lost {
+                parameters.are_not_saved();
+            }
             return parameters.repair(flash) || is_lost;
         }
         parameters.set_defaults(flash);

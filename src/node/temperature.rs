@@ -72,7 +72,6 @@ impl Temperature {
 
     /// Computes the temperature from the last sum of readings, and compares it with TEMP_MIN and
     /// TEMP_MAX.
-    #[inline(never)]
     pub fn measure(&mut self, parameters: &Parameters) {
         self.has_sensor = match parameters.get(Parameter::TempSensor) as u8 {
             sensor::NONE => false,

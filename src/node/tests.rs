@@ -389,9 +389,9 @@ fn a_fault_that_reset_it_shows_for_a_minute() {
 }
 
 #[test]
-fn temporary_conditions_show_for_nine_to_ten_seconds() {
+fn temporary_conditions_show_for_ten_to_eleven_seconds() {
     use mcp2515_ordered::Event::{
-        Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running,
+        AnotherRate, Flags, GaveUpSending, Lost, NotAnswering, NotKeeping, NotStarting, Running,
     };
     // Bits of EFLG: RX0OVR 6, RX1OVR 7, TXBO 5.
     for (event, value, bit) in [
@@ -399,18 +399,21 @@ fn temporary_conditions_show_for_nine_to_ten_seconds() {
         (Flags, 0x80, 5),
         (Flags, 0x20, 7),
         (GaveUpSending, 0, 8),
+        (AnotherRate, 0, 8),
         (Lost, 0x80, 8),
         (NotAnswering, 0, 8),
         (NotKeeping, 0x2A, 8),
         (NotStarting, 0x80, 8),
     ] {
-        let mut rig = Rig::new();
-        rig.run(3300);
-        rig.program.node.notice(Notice { event, value }, &mut rig.program.monitor);
-        rig.run(8900);
-        assert_eq!(rig.code(), 1 << bit, "{event:?}");
-        rig.run(1101);
-        assert_eq!(rig.code(), 0, "{event:?}");
+        for begin_ms in [3001, 3300, 3999] {
+            let mut rig = Rig::new();
+            rig.run(begin_ms);
+            rig.program.node.notice(Notice { event, value }, &mut rig.program.monitor);
+            rig.run(10_000);
+            assert_eq!(rig.code(), 1 << bit, "{event:?} at {begin_ms}");
+            rig.run(1002);
+            assert_eq!(rig.code(), 0, "{event:?} at {begin_ms}");
+        }
     }
     let mut rig = Rig::new();
     rig.program.node.notice(Notice { event: Running, value: 0 }, &mut rig.program.monitor);
@@ -776,7 +779,8 @@ fn without_commands_the_servo_goes_where_out1_fs_has_it() {
             ]);
             rig.run(61_234);
             rig.command(PWM, 1800.0);
-            rig.run(timeout_ms as u32);
+            // A command may come at the end of its millisecond.
+            rig.run(timeout_ms as u32 + 1);
             assert_eq!(
                 (rig.program.node.pulse(0), rig.code()),
                 (us(1800.0), 0),
@@ -802,7 +806,7 @@ fn the_failsafe_pulse_stays_within_the_travel() {
         let mut rig =
             Rig::with(&[(OutputParameter::Fs.of(0), 2), (OutputParameter::FsPwm.of(0), width)]);
         rig.command(PWM, 1800.0);
-        rig.run(1001);
+        rig.run(1002);
         assert_eq!(rig.program.node.pulse(0), us(expected));
     }
 }
@@ -887,7 +891,7 @@ fn anything_but_255_disarms_and_brings_the_servo_to_its_failsafe() {
 
 #[cfg(feature = "standard")]
 #[test]
-fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
+fn arming_ends_four_to_five_seconds_after_the_last_arming_status() {
     for start in [59_000, 59_001, 59_250, 59_500, 59_999] {
         let mut rig = Rig::with(&[
             (Parameter::ArmReq, 1),
@@ -901,7 +905,7 @@ fn arming_ends_three_to_four_seconds_after_the_last_arming_status() {
             rig.command(PWM, 1800.0);
         }
         assert_eq!(rig.program.node.pulse(0), us(1800.0));
-        rig.run(2500);
+        rig.run(3500);
         assert_eq!((rig.program.node.pulse(0), rig.code()), (us(1800.0), 0), "{start}");
         rig.run(1001);
         assert_eq!((rig.program.node.pulse(0), rig.code()), (0, 1 << 14), "{start}");
@@ -1151,7 +1155,7 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
         (random >> 16) as u16
     };
     let mut rig = Rig::with(&rates(50, 50, 10));
-    let mut set = 0;
+    let (mut asked, mut set) = (0, 0);
     for n in 0..60_000u32 {
         let source = u32::from(next() % 3 + 9);
         let transfer_id = (next() & 31) as u8;
@@ -1188,6 +1192,7 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
                     transfer_id,
                     &payload,
                 ));
+                asked += 1;
                 set += u32::from(rig.program.node.parameters != before);
             }
             3 => {
@@ -1226,7 +1231,9 @@ fn no_traffic_and_no_settings_make_it_panic_or_move_the_servo_out_of_its_range()
         let pulse = rig.program.node.pulse(0);
         assert!(pulse == 0 || (us(500.0)..=us(2500.0)).contains(&pulse), "{pulse}");
     }
-    assert!(set > 1000, "{set}");
+    // Most values are out of the range of their parameter, or do not go together with others: the
+    // fewest are set with `escs` alone, one in eight.
+    assert!(set > asked / 10, "{set} of {asked}");
     assert!(
         rig.program.node.health().counts.followed > 50,
         "{:?}",

@@ -1,12 +1,12 @@
 //! Computes the temperature from a sensor whose voltage rises with it, read by a 10-bit ADC.
 //!
 //! The default is an LM35 (10 mV per degree Celsius, 0 V at zero) against 5 V, where a step of the
-//! ADC is 0.49 degrees. The node adds up 64 readings, one each millisecond. The noise of the ADC is
-//! half a step or more and spreads the readings over several steps, so the sum has a finer
-//! resolution than one reading.
+//! ADC is 0.49 degrees. The feature `sensors` has parameters for others. The node adds up 64
+//! readings, one each millisecond. The noise of the ADC is half a step or more and spreads the
+//! readings over several steps, so the sum has a finer resolution than one reading.
 
 use crate::math::scaled;
-use crate::tables::parameters::{Parameter, Parameters};
+use crate::tables::parameters::{Parameter, Parameters, TEMP_SLOPE};
 
 /// There is a sensor if so many readings in a row are between the ends of the range.
 const FOUND: u8 = 16;
@@ -76,22 +76,21 @@ impl Thermometer {
     }
 
     /// The temperature for a sensor with 0 V at 0 degrees, in 64ths of a kelvin, rounded.
-    #[inline(always)]
     pub fn uncorrected(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
-        let slope = parameters.get(Parameter::TempSlope);
+        let slope = parameters.get_or(Parameter::TempSlope, TEMP_SLOPE);
         scaled(self.latest >> 1, reference, slope << 6).saturating_add(ZERO_CELSIUS)
     }
 }
 
 /// Corrects a temperature from [`uncorrected`](Thermometer::uncorrected) by TEMP_OFFSET. The result
 /// is in 64ths of a kelvin, rounded, and at most 784.6 K.
-#[inline(always)]
 pub fn corrected(measured: u16, parameters: &Parameters) -> u16 {
     // TEMP_OFFSET is in mV and TEMP_SLOPE in 0.1 mV per kelvin: times 10 for the unit and times 64
     // for 64ths of a kelvin is 640.
     let offset = parameters.get(Parameter::TempOffset) as i16;
-    let at_zero = scaled(offset.unsigned_abs(), 640, parameters.get(Parameter::TempSlope));
+    let slope = parameters.get_or(Parameter::TempSlope, TEMP_SLOPE);
+    let at_zero = scaled(offset.unsigned_abs(), 640, slope);
     let kelvin_64ths = if offset < 0 {
         measured.saturating_add(at_zero)
     } else {

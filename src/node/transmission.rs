@@ -51,7 +51,11 @@ impl Transmission {
         match self.sending {
             Sending::Status => self.publisher.status_handed_over(now_ms),
             Sending::Message => {}
-            Sending::Response => self.services.responded(now_ms),
+            Sending::Response => {
+                if self.services.responded() {
+                    self.publisher.publish_status(now_ms);
+                }
+            }
         }
     }
 }

@@ -64,7 +64,6 @@ impl Trust {
     pub const NONE: Self = Self { trusted: [0; 16], lost: 0 };
 
     /// True if a sender is trusted.
-    #[inline(always)]
     fn is_trusted(&self, source: u8) -> bool {
         self.trusted[usize::from(source & 15)] & bit(source) != 0
     }
@@ -99,7 +98,6 @@ impl Policy for Trust {
 }
 
 /// The place of a sender in the order of precedence, 0 to 127: the highest has precedence.
-#[inline(always)]
 fn place(source: u8, now_ms: u16) -> u8 {
     let (high, low) = ((now_ms >> 8) as u8, now_ms as u8);
     let order = (low / ORDER_MS as u8).wrapping_mul(SPREAD.0) ^ high.wrapping_mul(SPREAD.1);
@@ -107,7 +105,6 @@ fn place(source: u8, now_ms: u16) -> u8 {
 }
 
 /// The bit of a sender in its byte.
-#[inline(always)]
 fn bit(source: u8) -> u8 {
     1 << (source >> 4 & 7)
 }

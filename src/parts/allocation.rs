@@ -47,6 +47,8 @@ impl Allocation {
 
     fn wait(&mut self, least_ms: u16, now_ms: u16) {
         self.random = crc::add(self.random, now_ms as u8);
+        // This millisecond may be about to end.
+        let least_ms = least_ms + 1;
         self.due_ms = now_ms.wrapping_add(least_ms).wrapping_add(self.random & RANDOM_MASK);
     }
 

@@ -2,9 +2,12 @@
 
 use crate::tables::parameters::{Parameter, Parameters};
 
-/// The vehicle counts as disarmed after this time without an ArmingStatus, in seconds. ArduPilot
-/// sends two a second.
+/// The vehicle counts as disarmed after this time without an ArmingStatus, or up to a second
+/// longer, in seconds. ArduPilot sends two a second.
 const TIMEOUT_S: i8 = 4;
+
+/// Beginnings of a second in this time at most.
+const SECONDS: i8 = TIMEOUT_S + 1;
 
 /// ArmingStatus.status: fully armed (DSDL uavcan/equipment/safety/1100.ArmingStatus.uavcan).
 const FULLY_ARMED: u8 = 255;
@@ -14,8 +17,8 @@ pub const IS_BY_SOURCE: bool = false;
 
 /// The arming of the vehicle.
 pub struct Arming {
-    /// Seconds that the vehicle still counts as armed. Less than 0: that it was said to be
-    /// disarmed.
+    /// Beginnings of a second until the vehicle no longer counts as armed. Less than 0: until
+    /// it no longer counts that it was said to be disarmed.
     armed_s: i8,
 }
 
@@ -27,7 +30,7 @@ impl Arming {
 
     /// Acts on the status of an ArmingStatus.
     pub fn act_on_status(&mut self, _id: u8, status: u8) {
-        self.armed_s = if status == FULLY_ARMED { TIMEOUT_S } else { -TIMEOUT_S };
+        self.armed_s = if status == FULLY_ARMED { SECONDS } else { -SECONDS };
     }
 
     /// True if the last ArmingStatus said that the vehicle is armed.
@@ -52,12 +55,11 @@ impl Arming {
     }
 
     /// False: the last status counts for all.
-    #[inline(always)]
     pub fn is_only_armed_by_others(&self, _id: u8) -> bool {
         false
     }
 
-    /// True if an ArmingStatus of the last four seconds says that the vehicle is disarmed.
+    /// True if an ArmingStatus that still counts says that the vehicle is disarmed.
     pub fn is_said_disarmed(&self) -> bool {
         self.armed_s < 0
     }

@@ -3,8 +3,12 @@
 
 use crate::tables::parameters::{Parameter, Parameters};
 
-/// What a status says counts for this time, in seconds. ArduPilot sends two a second.
+/// What a status says counts for this time, or up to a second longer, in seconds. ArduPilot sends
+/// two a second.
 const TIMEOUT_S: u8 = 4;
+
+/// Beginnings of a second in this time at most.
+const SECONDS: u8 = TIMEOUT_S + 1;
 
 /// The largest number of nodes whose vehicles are armed at the same time.
 const SOURCES: usize = 4;
@@ -19,14 +23,14 @@ pub const IS_BY_SOURCE: bool = true;
 #[derive(Clone, Copy)]
 struct Source {
     id: u8,
-    /// Seconds that it still counts.
+    /// Beginnings of a second until it no longer counts.
     armed_s: u8,
 }
 
 /// The arming of the vehicle, or of the vehicles of several commanders.
 pub struct Arming {
     sources: [Source; SOURCES],
-    /// Seconds that a status that said disarmed still counts.
+    /// Beginnings of a second until a status that said disarmed no longer counts.
     disarmed_s: u8,
 }
 
@@ -40,7 +44,7 @@ impl Arming {
     pub fn act_on_status(&mut self, id: u8, status: u8) {
         let is_armed = status == FULLY_ARMED;
         if !is_armed {
-            self.disarmed_s = TIMEOUT_S;
+            self.disarmed_s = SECONDS;
         }
         // Its own place, or a free one. A node whose status still counts is never displaced,
         // because it may be commanding an output: a fifth waits until one of the four says disarmed
@@ -56,7 +60,7 @@ impl Arming {
             }
         }
         let Some(source) = place else { return };
-        *source = Source { id, armed_s: if is_armed { TIMEOUT_S } else { 0 } };
+        *source = Source { id, armed_s: if is_armed { SECONDS } else { 0 } };
     }
 
     /// True if the last status of a node said that the vehicle is armed.
@@ -84,7 +88,7 @@ impl Arming {
         is_armed
     }
 
-    /// True if a status said within four seconds that the vehicle is disarmed, and none that it is
+    /// True if a status that still counts says that the vehicle is disarmed, and none that it is
     /// armed.
     pub fn is_said_disarmed(&self) -> bool {
         self.disarmed_s != 0 && !self.is_armed()
@@ -132,7 +136,8 @@ mod tests {
         arming.act_on_status(11, 0);
         arming.act_on_status(14, FULLY_ARMED);
         assert_eq!(armed(&arming), [true, false, true, true, true]);
-        for _ in 0..TIMEOUT_S {
+        for _ in 0..SECONDS {
+            assert_eq!(armed(&arming), [true, false, true, true, true]);
             arming.second();
             arming.act_on_status(14, FULLY_ARMED);
         }

@@ -4,11 +4,15 @@
 //! level u3 | source u8[<=31] | text u8[<=90]
 //! ```
 //! The text is that of the serial monitor, whose characters the part keeps while they are sent. So
-//! a line that the monitor drops has no message.
+//! a line that the monitor drops has no message. One message can wait. A line that tells of a
+//! failsafe takes its place.
 
 use crate::monitor::Line;
 use crate::monitor::text::level;
 use crate::tables::publication::Publication;
+
+/// True: autopilots show which conditions begin and end.
+pub const IS_THERE: bool = true;
 
 /// Characters of a message, behind its level. The rest of a longer line is cut.
 const ROOM: usize = Publication::LogMessage.longest() as usize - 1;
@@ -41,7 +45,6 @@ impl Log {
     }
 
     /// True if the serial monitor may write a character.
-    #[inline(always)]
     pub fn has_room(&self, now_ms: u16) -> bool {
         self.level == level::NONE || now_ms.wrapping_sub(self.whole_ms) >= HOLD_MS
     }
@@ -62,9 +65,18 @@ impl Log {
             self.level = line.level();
             self.whole_ms = now_ms;
         } else if character >= b' ' {
-            if waits || self.is_cut {
-                self.is_cut = true;
-            } else if let Some(place) = self.text.get_mut(usize::from(self.len)) {
+            if self.is_cut {
+                return;
+            }
+            if waits {
+                if !line.begins_failsafe() {
+                    self.is_cut = true;
+                    return;
+                }
+                self.len = 0;
+                self.level = level::NONE;
+            }
+            if let Some(place) = self.text.get_mut(usize::from(self.len)) {
                 *place = character;
                 self.len += 1;
             }
@@ -72,13 +84,11 @@ impl Log {
     }
 
     /// True if a message is due.
-    #[inline(always)]
     pub fn is_due(&self, now_ms: u16) -> bool {
         self.level != level::NONE && now_ms.wrapping_sub(self.sent_ms) >= PERIOD_MS
     }
 
     /// Removes the message: the payload, byte by byte.
-    #[inline(always)]
     pub fn take(&mut self, now_ms: u16, mut put: impl FnMut(u8)) {
         put(self.level << 5);
         self.text.iter().take(usize::from(self.len)).for_each(|&character| put(character));
@@ -97,6 +107,9 @@ impl Default for Log {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::InMemory;
+    use crate::monitor::Monitor;
+    use crate::monitor::text::LINES;
     use std::vec::Vec;
 
     fn say(log: &mut Log, text: &str, line: Line) {
@@ -114,28 +127,69 @@ mod tests {
         let mut log = Log::new();
         say(&mut log, "temperature +25.0 C", Line::Temperature);
         assert!(!log.is_due(1000));
-        say(&mut log, "CAN: bus-off", Line::BusOff);
+        say(&mut log, "CAN H/L: bus-off", Line::BusOff);
         assert!(log.is_due(1000));
-        assert_eq!(message(&mut log, 1000), (2 << 5, b"CAN: bus-off".to_vec()));
-        say(&mut log, "commands again", Line::FailsafeEnd);
+        assert_eq!(message(&mut log, 1000), (2 << 5, b"CAN H/L: bus-off".to_vec()));
+        say(&mut log, "CAN: error-active", Line::ErrorActive);
         assert!(!log.is_due(1499) && log.is_due(1500));
         // Whoever comes meanwhile does not disturb the one that waits.
-        say(&mut log, "FAILSAFE: no commands", Line::Failsafe);
-        assert_eq!(message(&mut log, 1500), (1 << 5, b"commands again".to_vec()));
+        say(&mut log, "CAN H/L: bus-off", Line::BusOff);
+        assert_eq!(message(&mut log, 1500), (1 << 5, b"CAN: error-active".to_vec()));
         assert!(!log.is_due(5000));
     }
 
     #[test]
     fn a_line_that_begins_while_a_message_waits_is_not_told_in_part() {
         let mut log = Log::new();
-        say(&mut log, "CAN: bus-off", Line::BusOff);
+        say(&mut log, "CAN H/L: bus-off", Line::BusOff);
         assert!(!log.has_room(19) && log.has_room(20), "the monitor waits for a moment only");
-        log.push(b'F', Line::Failsafe, 20);
+        log.push(b'd', Line::Disarmed, 20);
         message(&mut log, 1000);
-        say(&mut log, "AILSAFE: no commands", Line::Failsafe);
+        say(&mut log, "isarmed", Line::Disarmed);
         assert!(!log.is_due(5000) && log.has_room(0));
         say(&mut log, "commands again", Line::FailsafeEnd);
         assert_eq!(message(&mut log, 5000).1, b"commands again");
+    }
+
+    /// None is lost behind one about the bus.
+    #[test]
+    fn a_line_that_tells_of_a_failsafe_takes_the_place_of_the_message_that_waits() {
+        let mut log = Log::new();
+        for (text, line) in [
+            ("FAILSAFE: no commands", Line::Failsafe),
+            #[cfg(feature = "outputs")]
+            ("FAILSAFE of output 12", Line::FailsafeOf),
+            ("FAILSAFE while cut off", Line::FailsafeMissed),
+        ] {
+            say(&mut log, "CAN H/L: bus-off", Line::BusOff);
+            say(&mut log, text, line);
+            // While there is nothing to write, the line stays the last one.
+            log.push(0, line, 0);
+            assert_eq!(message(&mut log, 1000), (2 << 5, text.into()));
+        }
+    }
+
+    #[test]
+    fn each_text_fits_whole_with_the_longest_values() {
+        for (number, text) in LINES.iter().enumerate() {
+            let line = Line::with_number(number as u8);
+            if line.level() == level::NONE {
+                continue;
+            }
+            let mut monitor = Monitor::new();
+            let event = monitor.log_line(line);
+            event.set_code(u8::MAX);
+            event.set_a(u16::MAX);
+            let mut log = Log::new();
+            let mut len = 0;
+            for _ in 0..1000 {
+                let character = monitor.next_byte(InMemory);
+                len += usize::from(character >= b' ');
+                log.push(character, line, 0);
+            }
+            assert!(len <= ROOM, "{len} characters: {text}");
+            assert_eq!(message(&mut log, 1000).1.len(), len, "{text}");
+        }
     }
 
     #[test]

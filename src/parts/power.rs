@@ -169,7 +169,6 @@ impl Power {
 
     /// Logs voltage and current. Returns true if one of them is beyond its limits. Call once a
     /// second.
-    #[inline(always)]
     pub fn second(&mut self, parameters: &Parameters, monitor: &mut Monitor) -> bool {
         if !is_wanted(parameters) {
             self.has_measured = false;
@@ -185,7 +184,6 @@ impl Power {
 }
 
 /// True if a message needs the circuit.
-#[inline(always)]
 fn is_wanted(parameters: &Parameters) -> bool {
     parameters.is_on(Parameter::PwrRate) || parameters.is_on(Parameter::BattRate)
 }

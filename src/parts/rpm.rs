@@ -85,7 +85,7 @@ impl Shaft {
     ) {
         let was_noisy = self.noisy != 0;
         if !parameters.is_on(Parameter::RpmRate)
-            || pulses.count == 0 && now_ms.wrapping_sub(self.last_ms) >= STOP_MS
+            || pulses.count == 0 && now_ms.wrapping_sub(self.last_ms) > STOP_MS
         {
             self.has_first = false;
             self.pulses = 0;

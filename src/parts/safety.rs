@@ -2,13 +2,13 @@
 
 use crate::tables::parameters::{Parameter, Parameters};
 
-/// The safety switch counts as on for this time after a SafetyState that says so, in seconds.
-/// ArduPilot sends two a second.
+/// The safety switch counts as on for this time after a SafetyState that says so, or up to a second
+/// longer, in seconds. ArduPilot sends two a second.
 const TIMEOUT_S: u8 = 4;
 
 /// The safety switch.
 pub struct Safety {
-    /// Seconds that it still counts as on.
+    /// Beginnings of a second until it no longer counts as on.
     safe_s: u8,
     /// Node ID of whoever put it on; 0 if several nodes did, of which none can put it off.
     source: u8,
@@ -39,7 +39,8 @@ impl Safety {
         } else if self.source != source {
             self.source = 0;
         }
-        self.safe_s = TIMEOUT_S;
+        // The first second may begin at once.
+        self.safe_s = TIMEOUT_S + 1;
     }
 
     /// These outputs, a bit each, will expect commands again once it is off.

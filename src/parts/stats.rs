@@ -45,7 +45,6 @@ impl Stats {
     }
 
     /// Counts a transfer that was received complete.
-    #[inline(always)]
     pub fn count_received(&mut self) {
         self.received.count();
     }

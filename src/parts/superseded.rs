@@ -19,7 +19,6 @@ impl Superseded {
     }
 
     /// Counts a command, of which an entry replaced one that waited.
-    #[inline(always)]
     pub fn count(&mut self) {
         self.total = self.total.wrapping_add(1);
     }

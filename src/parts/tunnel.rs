@@ -74,7 +74,7 @@ impl Tunnel {
 
     /// Call at every tick. Returns true if a message is due.
     pub fn tick(&mut self, now_ms: u16) -> bool {
-        if now_ms.wrapping_sub(self.asked_ms) >= ASKER_STAYS_MS {
+        if now_ms.wrapping_sub(self.asked_ms) > ASKER_STAYS_MS {
             self.asker = 0;
             self.len = 0;
         }
@@ -145,7 +145,7 @@ mod tests {
         tunnel.push(b'y');
         assert_eq!(message(&mut tunnel, 0).len(), usize::from(HEADER_LEN) + ROOM);
         tunnel.push(b'z');
-        assert!(!tunnel.tick(9) && tunnel.tick(10) && tunnel.tick(2999));
-        assert!(!tunnel.tick(3000) && tunnel.has_room());
+        assert!(!tunnel.tick(9) && tunnel.tick(10) && tunnel.tick(3000));
+        assert!(!tunnel.tick(3001) && tunnel.has_room());
     }
 }

@@ -34,6 +34,9 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// The number of [`Verdict::InUse`].
+    pub const IN_USE: u8 = Self::InUse as u8;
+
     /// True if a verdict with this number restarts the node.
     pub fn is_accepted(number: u8) -> bool {
         number == Self::Accepted as u8

@@ -1,17 +1,36 @@
 //! The bit timing for CAN_BAUDRATE.
 
+#[cfg_attr(not(feature = "any-rate"), path = "bit_rate/absent/search.rs")]
+mod search;
+
 use mcp2515_ordered::BitTiming;
 
 use crate::hardware::CAN_CRYSTAL_HZ;
+pub use search::{LOWEST, Search};
 
 /// The highest bit rate, 125 kbit/s doubled so many times: 1 Mbit/s, or 500 kbit/s with a crystal
 /// of 8 MHz. A time quantum is at least two periods of the crystal, so 8 MHz gives 4 quanta in a
 /// bit of 1 Mbit/s, and the MCP2515 needs 5 (DS20001801J, section 5).
 pub const HIGHEST_RATE: i32 = if CAN_CRYSTAL_HZ >= 10_000_000 { 3 } else { 2 };
 
-/// The timing for 125 kbit/s, doubled so many times, and the crystal of the board.
-pub fn timing(doublings: u8) -> BitTiming {
-    timing_of::<CAN_CRYSTAL_HZ>(doublings)
+/// The bit rate in bit/s for a value of CAN_BAUDRATE. 0 is 125,000, and each next value twice the
+/// rate. With the feature `any-rate` there is -1: the result is 0, and the node finds the rate.
+#[inline(never)]
+pub fn in_bits_per_second(baudrate: u8) -> u32 {
+    if LOWEST < 0 && baudrate == LOWEST as u8 {
+        return 0;
+    }
+    let mut rate = 125_000;
+    for _ in 0..baudrate {
+        rate <<= 1;
+    }
+    rate
+}
+
+/// The timing for a value of CAN_BAUDRATE, and the crystal of the board. A node that finds the rate
+/// begins with the highest.
+pub fn timing(baudrate: u8) -> BitTiming {
+    timing_of::<CAN_CRYSTAL_HZ>(baudrate)
 }
 
 /// The timing for a crystal of `F_OSC_HZ`. Rates above the highest one give that. The code does not
@@ -78,5 +97,18 @@ mod tests {
     #[test]
     fn the_timing_is_that_of_the_board_s_crystal() {
         assert_eq!(timing(2), BitTiming::new(CAN_CRYSTAL_HZ, 500_000));
+        assert_eq!(timing(LOWEST as u8), timing(if LOWEST < 0 { 3 } else { 0 }));
+    }
+
+    #[test]
+    fn only_a_node_without_a_rate_searches_and_it_tries_each_rate_in_turn() {
+        for value in 0..=HIGHEST_RATE as u8 {
+            assert_eq!(Search::new(value).take_next(), None, "{value}");
+        }
+        let mut search = Search::new(LOWEST as u8);
+        for _ in 0..100 {
+            let rates = [2, 1, 0, 3].map(|rate| (LOWEST < 0).then_some(rate));
+            assert_eq!([(); 4].map(|()| search.take_next()), rates);
+        }
     }
 }

@@ -140,8 +140,8 @@ impl Conditions {
     }
 }
 
-/// How long a temporary condition stays set, in seconds. It appears in ten statuses, so that no
-/// receiver misses it.
+/// How long a temporary condition stays set, in seconds, or up to a second longer. It appears in
+/// ten statuses, so that no receiver misses it.
 pub const HOLD_S: u8 = 10;
 
 /// How long the cause of a reset stays set, in seconds.

@@ -1,8 +1,6 @@
 //! The constant part of a GetNodeInfo response (DSDL uavcan/protocol/1.GetNodeInfo.uavcan).
 
-use crate::handover::{
-    DESCRIPTOR_LEN, HEADER_LEN, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION_LEN, UNCHECKED,
-};
+use crate::handover::{DESCRIPTOR_LEN, HEADER_LEN, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION_LEN};
 use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME as NAME};
 
 /// Bytes of software and hardware version in a GetNodeInfo response.
@@ -120,11 +118,9 @@ pub const PACKED: [u8; LEN] = {
     packed
 };
 
-/// The header of this program, with the mark that it is unchecked.
-pub const UNCHECKED_HEADER: [u8; HEADER_LEN] = {
-    let [low, high] = UNCHECKED.to_le_bytes();
-    [HARDWARE_MAJOR, HARDWARE_MINOR, PACKED[0], PACKED[1], low, high]
-};
+/// The header of this program, without what scripts/image writes.
+pub const HEADER: [u8; HEADER_LEN] =
+    [HARDWARE_MAJOR, HARDWARE_MINOR, PACKED[0], PACKED[1], 0, 0, 0, 0];
 
 const fn number(digits: &str, radix: u32) -> u32 {
     match u32::from_str_radix(digits, radix) {

@@ -1,16 +1,21 @@
 //! The parameters that can be set over the bus: names, ranges and defaults (docs/parameters.md).
 
-use crate::hardware::{OUTPUTS, SLOT_US};
-use crate::tables::bit_rate::HIGHEST_RATE;
+use crate::hardware::{HAS_ESCS, OUTPUTS, SLOT_US};
+use crate::tables::bit_rate::{HIGHEST_RATE, LOWEST};
 #[allow(unused_imports, reason = "a build may have no masks")]
 use crate::tables::condition::{CRIT_MASK, ERROR_MASK, WARN_MASK};
 #[allow(unused_imports, reason = "a build may have no OUTn_TYPE")]
 use crate::tables::output_kinds::GREATEST_TYPE;
 pub use descriptions::*;
+pub use timing::{Conflict, Layout};
 pub use values::Parameters;
 
 mod descriptions;
+mod timing;
 mod values;
+
+/// The default of TEMP_SLOPE, that of an LM35; without the feature `sensors` its value.
+pub const TEMP_SLOPE: u16 = 100;
 
 /// Name, minimum, maximum and default of a parameter.
 type Row = (&'static str, i32, i32, i32);
@@ -19,7 +24,7 @@ type Row = (&'static str, i32, i32, i32);
 macro_rules! parameters {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])*
-        $id:ident $name:literal $min:literal .. $max:tt = $default:expr,)*
+        $id:ident $name:literal $min:tt .. $max:tt = $default:expr,)*
     })*) => {
         #[repr(u8)]
         enum Place {
@@ -87,9 +92,9 @@ parameters! {
     if all() {
         /// The node ID; 0 requests one from an allocator.
         CanNode "CAN_NODE" 0..125 = 120,
-        /// Bit rate: 125 kbit/s, doubled so many times. On the bus it is in bit/s. The default is
-        /// the highest rate of the CAN board.
-        CanBaudrate "CAN_BAUDRATE" 0..HIGHEST_RATE = (HIGHEST_RATE),
+        /// Bit rate: see [`bit_rate`](crate::tables::bit_rate). On the bus it is in bit/s. The
+        /// default is the highest rate of the CAN board.
+        CanBaudrate "CAN_BAUDRATE" (LOWEST)..HIGHEST_RATE = (HIGHEST_RATE),
         /// Pulses a second.
         OutRate "OUT_RATE" 50..333 = 50,
         /// Rate of device.Temperature, in messages a second.
@@ -98,16 +103,20 @@ parameters! {
         TempId "TEMP_ID" 0..65535 = 1,
         /// The temperature sensor: 0 there is none, 1 if it is found, 2 it is required.
         TempSensor "TEMP_SENSOR" 0..2 = 1,
+    }
+    if feature = "sensors" {
         /// The reference voltage of the ADC: 0 is 5 V, 1 is 1.1 V.
         TempRef "TEMP_REF" 0..1 = 0,
         /// Voltage of the sensor at 0 degrees Celsius, in millivolts.
-        TempOffset "TEMP_OFFSET" -500..1500 = 0,
+        TempOffset "TEMP_OFFSET" (-500)..1500 = 0,
         /// Slope of the sensor, in tenths of a millivolt per kelvin.
-        TempSlope "TEMP_SLOPE" 10..500 = 100,
+        TempSlope "TEMP_SLOPE" 10..500 = (TEMP_SLOPE as i32),
+    }
+    if all() {
         /// Lower limit of the temperature, in degrees Celsius.
-        TempMin "TEMP_MIN" -55..150 = -40,
+        TempMin "TEMP_MIN" (-55)..150 = -40,
         /// Upper limit of the temperature, in degrees Celsius.
-        TempMax "TEMP_MAX" -55..150 = 85,
+        TempMax "TEMP_MAX" (-55)..150 = 85,
     }
     if feature = "masks" {
         /// Conditions that make the health WARNING.
@@ -145,6 +154,12 @@ parameters! {
         /// Time without a command until a motor stops, in milliseconds.
         MotTimeout "MOT_TIMEOUT" 50..10000 = 200,
     }
+    if feature = "escs" {
+        /// The pulses of motors: 1 and 2 as wide as a servo's, 3 an eighth of that, OneShot125.
+        EscPwmType "ESC_PWM_TYPE" 1..3 = 1,
+        /// Pulses of a motor a second, if all outputs in use are motors.
+        EscRate "ESC_RATE" 50..400 = 50,
+    }
     if feature = "power" {
         /// Rate of CircuitStatus, in messages a second; 0 does not measure the circuit.
         PwrRate "PWR_RATE" 0..50 = 0,
@@ -154,11 +169,11 @@ parameters! {
         /// and 1 kOhm.
         Pwr1VoltMult "PWR1_VOLT_MULT" 100..65535 = 1000,
         /// Voltage at the pin for a circuit of 0 V, in millivolts.
-        Pwr1VoltOfs "PWR1_VOLT_OFS" -1000..1000 = 0,
+        Pwr1VoltOfs "PWR1_VOLT_OFS" (-1000)..1000 = 0,
         /// Amperes for a volt at the pin, in hundredths.
         Pwr1AmpPervlt "PWR1_AMP_PERVLT" 1..65535 = 1000,
         /// Voltage at the pin without a current, in millivolts.
-        Pwr1AmpOffset "PWR1_AMP_OFFSET" -1000..5000 = 0,
+        Pwr1AmpOffset "PWR1_AMP_OFFSET" (-1000)..5000 = 0,
         /// Lower limit of the voltage, in millivolts; 0 is none.
         Pwr1VoltMin "PWR1_VOLT_MIN" 0..65535 = 0,
         /// Upper limit of the voltage, in millivolts; 0 is none.
@@ -288,10 +303,13 @@ pub fn row_and_output(index: u8) -> (u8, u8) {
     (row, output)
 }
 
-/// True if the parameter with this index says what an output is: OUT_COUNT, OUTn_TYPE or OUTn_ID.
+/// True if the parameter with this index says what an output is, or which pulses motors have:
+/// OUT_COUNT, OUTn_TYPE, OUTn_ID, ESC_PWM_TYPE or ESC_RATE.
 pub fn is_of_outputs(index: u8) -> bool {
     let row = At::new(index).row;
     row == Parameter::OutCount.index()
+        || HAS_ESCS && row == Parameter::EscPwmType.index()
+        || HAS_ESCS && row == Parameter::EscRate.index()
         || row == OutputParameter::Type.index(0)
         || row == OutputParameter::Id.index(0)
 }

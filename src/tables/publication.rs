@@ -61,7 +61,6 @@ macro_rules! publications {
 
         impl Publication {
             /// The data type ID.
-            #[inline(always)]
             pub const fn data_type(self) -> u16 {
                 $($(#[cfg($if)] if self.0 == Self::$name.0 {
                     return $type.id;
@@ -71,7 +70,6 @@ macro_rules! publications {
 
             /// The initial CRC of a transfer of several frames. 0 if no transfer has more than one
             /// frame.
-            #[inline(always)]
             pub const fn seed(self) -> u16 {
                 $($(#[cfg($if)] if publications!(@is_long $form) && self.0 == Self::$name.0 {
                     return $type.seed;
@@ -80,7 +78,6 @@ macro_rules! publications {
             }
 
             /// The place of its transfer IDs. Messages of the same type share them.
-            #[inline(always)]
             pub const fn counter(self) -> u8 {
                 $($(#[cfg($if)] if const { first_of_type(Self::$name) != Self::$name.0 }
                     && self.0 == Self::$name.0
@@ -196,7 +193,6 @@ impl Publication {
         if Self::Presses.0 == Self::NONE.0 { Self::KeyValue } else { Self::Presses };
 
     /// The place of its row in the table; 0xFF for none.
-    #[inline(always)]
     pub const fn place(self) -> u8 {
         self.0
     }

@@ -3,8 +3,12 @@
 use super::*;
 use crate::image::InMemory;
 
-const WITH_ID: NodeAcceptance<InMemory> =
-    NodeAcceptance { node: NodeId::new(42), row: Row::WITH_ID, flash: InMemory };
+const WITH_ID: NodeAcceptance<InMemory> = NodeAcceptance {
+    node: NodeId::new(42),
+    row: Row::WITH_ID,
+    search: Search::NONE,
+    flash: InMemory,
+};
 
 /// The type of each message that RXB1 takes in v0.
 const SINGLE_TYPES: &[u16] = &[
@@ -71,8 +75,8 @@ fn other_messages_other_nodes_requests_and_all_responses_stay_out() {
     }
 }
 
-/// Of up to four types the mask of RXB1 compares all bits; of five, 0x55, 0x57, 0x4C, 0x20 and
-/// 0x39 in their low bytes, all of these but bit 1; of six, with 0xB9, all but bits 1 and
+/// Of up to four types the mask of RXB1 compares all bits; of five, 0x55, 0x57, 0x4C and two others
+/// in their low bytes, all of these but bit 1; of six, with 0x20, 0x39 and 0xB9, all but bits 1 and
 /// 7. RXB0 also takes messages with the low byte of ArrayCommand.
 #[test]
 fn only_messages_in_use_and_those_with_their_low_bytes_pass() {
@@ -105,6 +109,9 @@ fn registers_are_those_worked_out_by_hand() {
         [_, _, 1100, 3001] => ([0x0009_5500, 0x0028_5700, 0x0028_4C00, 0x004B_B900], 0x07E3_FF80),
         [_, _, 1100, 20_000, 1081, 3001] => {
             ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_7D80)
+        }
+        [_, _, 1100, 1070, 3001] => {
+            ([0x0008_5500, 0x0008_4C00, 0x0008_2C00, 0x0008_B900], 0x0000_FD80)
         }
         [_, _, 1100, 20_000, 1081] => {
             ([0x0008_5500, 0x0008_4C00, 0x0008_2000, 0x0008_3900], 0x0000_FD80)
@@ -184,11 +191,21 @@ fn a_node_with_motors_takes_raw_commands_too() {
     }
 }
 
+#[cfg(feature = "outputs")]
+#[test]
+fn a_node_with_several_outputs_takes_every_frame_in_the_first_buffer() {
+    let several = NodeAcceptance { row: Row::WITH_SEVERAL_OUTPUTS, ..WITH_ID };
+    for id in [0x1003_F20A, 0x1E01_AAFF, 0x1801_552A, 0x1804_0A0A, 0x1E01_2AFF, 0, 0x1FFF_FFFF] {
+        assert_eq!(buffer(several, id), Some(0), "{id:08X}");
+    }
+    assert_eq!((&all(several)[..6], &all(several)[6..]), (&all(WITH_ID)[..6], &[0, 0][..]));
+}
+
 #[cfg(feature = "allocation")]
 #[test]
 fn without_an_id_only_allocation_passes() {
     const WITHOUT_ID: NodeAcceptance<InMemory> =
-        NodeAcceptance { node: None, row: Row::WITHOUT_ID, flash: InMemory };
+        NodeAcceptance { node: None, row: Row::WITHOUT_ID, search: Search::NONE, flash: InMemory };
     assert_eq!(buffer(WITHOUT_ID, 0x1E00_017F), Some(0));
     // The golden requests of another node. The discriminator is in place of the type.
     for id in [0x1E97_4D00, 0x1EBC_1100, 0x1E9D_1D00, 0x1EEE_8100] {

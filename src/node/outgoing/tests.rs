@@ -184,6 +184,7 @@ fn golden_parameters_come_out_byte_for_byte() {
          00 00 00 00 01 | 00 00 00 43 41 4E 5F 21 | 4E 4F 44 45 41"
     );
     assert_eq!(parameter(Parameter::CanBaudrate, 2, 2), golden::BAUDRATE_IS_500_KBIT);
+    #[cfg(feature = "sensors")]
     assert_eq!(
         parameter(Parameter::TempOffset, -50, 3),
         "1E0B7FF8 F5 05 01 CE FF FF FF 83 | FF FF FF FF 01 00 00 23 | 00 00 00 00 00 00 01 03 | \

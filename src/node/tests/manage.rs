@@ -1,6 +1,8 @@
 //! Requests and their responses.
 
 use super::*;
+#[cfg(feature = "standard")]
+use crate::eeprom::EEPROM_LEN;
 use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME, OUTPUTS};
 use crate::tables::{bit_rate, parameters};
 use dronecan_wire::Id;
@@ -104,6 +106,7 @@ fn golden_requests_for_parameters_get_golden_replies() {
         ),
         golden::BAUDRATE_IS_500_KBIT
     );
+    #[cfg(feature = "sensors")]
     assert_eq!(
         rig.ask(
             "1E0BF8FF E3 42 00 01 CE FF FF 83 | FF FF FF FF FF 54 45 23 | 4D 50 5F 4F 46 46 \
@@ -204,6 +207,12 @@ fn every_parameter_takes_both_ends_of_its_range_and_nothing_beyond() {
     let mut rig = Rig::new();
     for index in 0..parameters::COUNT as u16 {
         let ([_, default, max, min], name) = response(&rig.get_set(&[index as u8, 0]));
+        // A servo must not have the pulses of motors.
+        let is_motor = i64::from(name.starts_with("ESC_"));
+        if parameters::OutputParameter::Type.index(0) != parameters::NONE {
+            let index = parameters::OutputParameter::Type.index(0).into();
+            rig.get_set(&set(index, is_motor, ""));
+        }
         let mut now = default;
         for value in [
             min - 1,
@@ -241,16 +250,41 @@ fn only_the_bit_rates_of_the_board_can_be_set() {
     let mut rig = Rig::new();
     let rates =
         &[125_000, 250_000, 500_000, 1_000_000][..if bit_rate::HIGHEST_RATE == 3 { 4 } else { 3 }];
+    let search: &[_] = if bit_rate::LOWEST < 0 { &[0] } else { &[] };
     let mut now = rates[rates.len() - 1];
     for value in [
         125_000, 250_000, 500_000, 1_000_000, 0, 1, 8, 125_001, 375_000, 750_000, 875_000,
         2_000_000, 62_500,
     ] {
-        if rates.contains(&value) {
+        if rates.contains(&value) || search.contains(&value) {
             now = value;
         }
         let ([value_now, ..], name) = response(&rig.get_set(&set(1, value, "")));
         assert_eq!((value_now, &name[..]), (now, "CAN_BAUDRATE"), "{value}");
+    }
+}
+
+#[cfg(all(feature = "standard", feature = "monitor"))]
+#[test]
+fn every_number_that_is_set_is_logged_whole() {
+    let mut rig = Rig::new();
+    let mut of = |parameter: u8, value: i64| {
+        rig.log.clear();
+        rig.get_set(&set(parameter.into(), value, ""));
+        let log = String::from_utf8(rig.log.clone()).unwrap();
+        let line = log.lines().find_map(|line| line.split_once(": set "));
+        line.unwrap_or_else(|| panic!("{value}: {log}")).1.to_string()
+    };
+    let search = (bit_rate::LOWEST < 0).then_some(0);
+    let rates = (0..=bit_rate::HIGHEST_RATE).map(|doublings| 125_000 << doublings);
+    for rate in search.into_iter().chain(rates) {
+        assert_eq!(of(1, rate), format!("CAN_BAUDRATE = {rate}"));
+    }
+    for id in [0, 32_767, 32_768, 65_535] {
+        assert_eq!(of(Parameter::TempId.index(), id), format!("TEMP_ID = {id}"));
+    }
+    for degrees in [-55, -1, 0, 100] {
+        assert_eq!(of(Parameter::TempMin.index(), degrees), format!("TEMP_MIN = {degrees}"));
     }
 }
 
@@ -354,7 +388,7 @@ fn a_reply_has_the_value_that_the_request_left_even_when_the_next_has_come() {
 fn save_keeps_the_parameters_over_a_restart() {
     let mut rig = Rig::new();
     rig.get_set(&set(0, 42, "CAN_NODE"));
-    rig.get_set(&set(0, -100, "TEMP_OFFSET"));
+    rig.get_set(&set(0, -50, "TEMP_MIN"));
     assert_eq!(rig.program.node.id(), 120, "the new ID is for the next start");
     rig.run(1000);
     rig.replies();
@@ -367,7 +401,74 @@ fn save_keeps_the_parameters_over_a_restart() {
     }
     let rig = Rig::start(rig.board.memory, ResetCause::POWER_ON);
     assert_eq!(rig.program.node.id(), 42);
-    assert_eq!(rig.program.node.parameters.get(Parameter::TempOffset) as i16, -100);
+    assert_eq!(rig.program.node.parameters.get(Parameter::TempMin) as i16, -50);
+}
+
+#[cfg(feature = "standard")]
+impl Rig {
+    /// Saves. Returns the EEPROM then.
+    #[track_caller]
+    fn save(&mut self) -> [u8; EEPROM_LEN] {
+        self.replies();
+        self.text("1E0AF8FF 00 00 00 00 00 00 00 C4");
+        self.run(1000);
+        assert_eq!(golden::text(&self.replies()), "1E0A7FF8 00 00 00 00 00 00 80 C4");
+        self.memory.cells
+    }
+}
+
+#[cfg(feature = "standard")]
+#[test]
+fn a_save_of_what_is_saved_writes_no_cell() {
+    let mut rig = Rig::new();
+    rig.get_set(&set(0, 1200, "OUT1_MIN"));
+    let saved = rig.save();
+    assert_eq!(rig.save(), saved);
+    rig.get_set(&set(0, 1200, "OUT1_MIN"));
+    assert_eq!(rig.save(), saved, "the same value was set");
+    let mut rig = Rig::start(rig.board.memory, ResetCause::POWER_ON);
+    rig.run(100);
+    assert_eq!(rig.save(), saved, "after a start");
+    rig.get_set(&set(0, 1300, "OUT1_MIN"));
+    assert_ne!(rig.save(), saved);
+    let rig = Rig::start(rig.board.memory, ResetCause::POWER_ON);
+    assert_eq!(rig.program.node.parameters.get(OutputParameter::Min.of(0)), 1300);
+}
+
+/// The next start would find the broken copy again.
+#[cfg(feature = "standard")]
+#[test]
+fn a_save_of_the_older_copy_replaces_a_broken_newer_one() {
+    let mut rig = Rig::new();
+    for width in [1200, 1300] {
+        rig.get_set(&set(0, width, "OUT1_MIN"));
+        rig.save();
+    }
+    // The first copy is the newest of three.
+    rig.board.memory.cells[0x20] ^= 1;
+    let mut rig = Rig::start(rig.board.memory, ResetCause::POWER_ON);
+    rig.run(1100);
+    assert_eq!(rig.program.node.parameters.get(OutputParameter::Min.of(0)), 1200);
+    assert_eq!(rig.code() & 1 << 13, 1 << 13);
+    rig.save();
+    let mut rig = Rig::start(rig.board.memory, ResetCause::POWER_ON);
+    rig.run(1100);
+    assert_eq!(rig.program.node.parameters.get(OutputParameter::Min.of(0)), 1200);
+    assert_eq!(rig.code() & 1 << 13, 0);
+}
+
+/// A SAVE that failed is tried again by the next one.
+#[cfg(feature = "standard")]
+#[test]
+fn after_a_save_that_failed_the_next_one_writes() {
+    let mut rig = Rig::new();
+    rig.get_set(&set(0, 1200, "OUT1_MIN"));
+    rig.board.memory.is_broken = true;
+    assert_eq!(rig.ask("1E0AF8FF 00 00 00 00 00 00 00 C4"), "1E0A7FF8 00 00 00 00 00 00 00 C4");
+    rig.board.memory.is_broken = false;
+    rig.save();
+    let rig = Rig::start(rig.board.memory, ResetCause::POWER_ON);
+    assert_eq!(rig.program.node.parameters.get(OutputParameter::Min.of(0)), 1200);
 }
 
 #[cfg(feature = "standard")]
@@ -521,6 +622,22 @@ fn on_a_full_bus_it_restarts_when_the_reply_is_sent_and_after_a_second_in_any_ca
         }
         assert!(expected_ms.contains(&waited_ms), "{waited_ms} ms");
     }
+}
+
+/// Messages of the node go before the reply, and each waits for a second.
+#[test]
+fn it_restarts_within_a_second_though_the_bus_takes_no_reply() {
+    let mut rig = Rig::new();
+    rig.run(1100);
+    rig.can.room = 0;
+    rig.text(RESTART);
+    let mut waited_ms = 0;
+    while !rig.is_to_restart {
+        rig.run(1);
+        waited_ms += 1;
+        assert!(waited_ms < 3000);
+    }
+    assert!((1000..=1010).contains(&waited_ms), "{waited_ms} ms");
 }
 
 #[test]
@@ -734,6 +851,12 @@ fn statuses_go_on_while_a_client_keeps_asking_and_saving() {
     }
 }
 
+/// The timing for a rate in bit/s.
+#[cfg(feature = "update")]
+fn timing(rate: u32) -> mcp2515_ordered::BitTiming {
+    mcp2515_ordered::BitTiming::new(crate::hardware::CAN_CRYSTAL_HZ, rate)
+}
+
 #[cfg(feature = "update")]
 #[test]
 fn an_accepted_update_is_handed_over_with_server_path_node_id_and_bit_rate() {
@@ -750,12 +873,50 @@ fn an_accepted_update_is_handed_over_with_server_path_node_id_and_bit_rate() {
         |bytes: &[u8]| bytes.iter().fold(0xFFFF, |crc, &byte| dronecan_wire::crc::add(crc, byte));
     assert_eq!(crc(&request), 0);
     let bus = &eeprom.cells[usize::from(BUS)..usize::from(BUS) + 6];
-    let timing = bit_rate::timing(rig.program.node.parameters.get(Parameter::CanBaudrate) as u8);
+    let timing = timing(125_000 << bit_rate::HIGHEST_RATE);
     assert_eq!(bus[..4], [120, timing.cnf3(), timing.cnf2(), timing.cnf1()]);
     assert_eq!(crc(bus), 0);
     // The same record is not written again: a worn EEPROM keeps it.
     eeprom.is_broken = true;
     assert!(rig.program.node.hand_over(&mut eeprom).is_some());
+}
+
+/// The reply waits for the save. Meanwhile the vehicle may be armed.
+#[cfg(feature = "update")]
+#[test]
+fn an_update_that_is_called_off_during_a_save_is_rejected_in_the_reply() {
+    for is_armed in [false, true] {
+        let mut rig = Rig::new();
+        rig.program.node.update.start(true);
+        rig.run(1100);
+        rig.get_set(&set(0, 1200, "OUT1_MIN"));
+        rig.replies();
+        rig.text("1E0AF8FF 00 00 00 00 00 00 00 C4");
+        rig.text("1E28F8FF 00 66 77 2E 62 69 6E C9");
+        rig.run(20);
+        assert_eq!(rig.replies(), [], "the save goes on");
+        if is_armed {
+            rig.text("18044C0A FF C0");
+        }
+        rig.run(80);
+        let mut waited_ms = 0;
+        let mut replies = Vec::new();
+        while waited_ms < 1500 && !rig.is_to_restart {
+            rig.run(1);
+            waited_ms += 1;
+            replies.extend(rig.replies());
+        }
+        assert_eq!(rig.is_to_restart, !is_armed);
+        replies.retain(|frame| golden::id(frame) == 0x1E28_7FF8);
+        if is_armed {
+            let (payload, _) = golden::payload(0xB7D7_25DF_7272_4126, &replies);
+            assert_eq!(payload, *b"\x01armed, or a command in the last 2 s");
+        } else {
+            assert_eq!(golden::text(&replies), "1E287FF8 00 C9");
+        }
+        let log = String::from_utf8(rig.log.clone()).unwrap();
+        assert_eq!(log.contains("update called off"), is_armed && cfg!(feature = "monitor"));
+    }
 }
 
 /// A loader that starts after a program that hangs reads it.
@@ -764,8 +925,8 @@ fn an_accepted_update_is_handed_over_with_server_path_node_id_and_bit_rate() {
 fn the_record_of_the_bus_follows_the_parameters_at_the_start_and_at_each_save() {
     use crate::handover::{BUS, BUS_LEN};
     let record = |rig: &Rig| rig.memory.cells[usize::from(BUS)..][..usize::from(BUS_LEN)].to_vec();
-    let expected = |rate: u8| {
-        let timing = bit_rate::timing(rate);
+    let expected = |rate: u32| {
+        let timing = timing(rate);
         let bytes = [120, timing.cnf3(), timing.cnf2(), timing.cnf1()];
         let crc = bytes.iter().fold(0xFFFF, |crc, &byte| dronecan_wire::crc::add(crc, byte));
         [bytes.as_slice(), &crc.to_be_bytes()].concat()
@@ -773,13 +934,13 @@ fn the_record_of_the_bus_follows_the_parameters_at_the_start_and_at_each_save() 
     let mut rig = Rig::new();
     rig.program.node.update.start(true);
     rig.run(100);
-    assert_eq!(record(&rig), expected(bit_rate::HIGHEST_RATE as u8));
+    assert_eq!(record(&rig), expected(125_000 << bit_rate::HIGHEST_RATE));
     rig.get_set(&set(1, 250_000, ""));
     rig.run(500);
-    assert_eq!(record(&rig), expected(bit_rate::HIGHEST_RATE as u8), "it is not saved");
+    assert_eq!(record(&rig), expected(125_000 << bit_rate::HIGHEST_RATE), "it is not saved");
     rig.ask("1E0AF8FF 00 00 00 00 00 00 00 C4");
     rig.run(500);
-    assert_eq!(record(&rig), expected(1));
+    assert_eq!(record(&rig), expected(250_000));
     // Without a loader of this project the EEPROM is left alone.
     let mut rig = Rig::new();
     rig.run(100);

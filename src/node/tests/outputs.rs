@@ -3,6 +3,7 @@
 use super::manage::{RESTART, set};
 use super::*;
 use crate::hardware::OUTPUTS;
+use crate::node::acceptance::Row;
 use crate::node::agenda::{FRAMES_BEFORE_ENTRY, Turn};
 use crate::tables::condition::Level;
 use crate::tables::parameters::OutputParameter;
@@ -354,12 +355,139 @@ fn a_motor_whose_commands_stop_is_off_after_mot_timeout_whatever_out_fs_and_out_
         rig.set(Parameter::MotTimeout, timeout_ms);
         rig.arm(255);
         rig.throttles(FULL_AND_HALF);
-        rig.run(timeout_ms as u32 - 20);
+        // Each output is looked at once in eight milliseconds.
+        rig.run(timeout_ms as u32 + 1);
         assert_eq!(rig.servos_us()[6..], [2000, 1500], "{timeout_ms}");
-        rig.run(40);
+        rig.run(OUTPUTS as u32);
         assert_eq!(rig.servos_us()[6..], [1000, 1000], "{timeout_ms}");
+        assert_eq!(rig.code(), 0, "it may have disarmed");
+        rig.arm(255);
+        rig.run(OUTPUTS as u32);
         assert_eq!(rig.code(), Conditions::FAILSAFE.code());
     }
+}
+
+/// Times of ArduPilot: a RawCommand each 20 ms, an ArmingStatus each 500 ms.
+const COMMAND_MS: u32 = 20;
+const ARMING_MS: u32 = 500;
+
+/// Runs an autopilot that disarms `phase` milliseconds after an ArmingStatus, and stops its
+/// commands then.
+fn assert_disarms_without_failsafe(timeout_ms: i32, phase: u32) {
+    let mut rig = with_motors();
+    rig.set(Parameter::MotTimeout, timeout_ms);
+    rig.arm(255);
+    let disarms = ARMING_MS + phase;
+    let stops = disarms / COMMAND_MS * COMMAND_MS + timeout_ms as u32;
+    for ms in 0..disarms + 1000 {
+        if ms % COMMAND_MS == 0 && ms <= disarms {
+            rig.throttles(FULL_AND_HALF);
+        }
+        if ms % ARMING_MS == 0 {
+            rig.arm(if ms <= disarms { 255 } else { 0 });
+        }
+        rig.run(1);
+        assert_eq!(rig.code(), 0, "{timeout_ms} ms, {phase} ms, at {ms} ms");
+        if ms < disarms {
+            assert_eq!(rig.servos_us()[6..], [2000, 1500], "{phase} ms, at {ms} ms");
+        } else if ms > stops + OUTPUTS as u32 {
+            assert_eq!(rig.servos_us()[6..], [1000, 1000], "{phase} ms, at {ms} ms");
+        }
+    }
+    rig.arm(255);
+    rig.throttles(FULL_AND_HALF);
+    assert_eq!(rig.servos_us()[6..], [2000, 1500]);
+    assert!(!String::from_utf8_lossy(&rig.log).contains("FAILSAFE"));
+}
+
+/// ArduPilot with `ARMING_REQUIRE` 2 stops its commands when it disarms.
+#[test]
+fn a_motor_whose_autopilot_disarms_stops_at_mot_timeout_and_is_never_in_failsafe() {
+    for (timeout_ms, step) in [(50, 20), (200, 4), (600, 20)] {
+        for phase in (0..ARMING_MS).step_by(step) {
+            assert_disarms_without_failsafe(timeout_ms, phase);
+        }
+    }
+}
+
+#[test]
+fn a_motor_is_in_failsafe_once_its_own_commander_says_that_it_is_still_armed() {
+    let mut rig = with_motors();
+    rig.arm(255);
+    rig.throttles(FULL_AND_HALF);
+    rig.hear(&width_from(50, 1200.0));
+    rig.run(300);
+    // Another commander's says nothing about the motors.
+    for status in [0, 255] {
+        rig.hear(&golden::frame(ARMING_STATUS & !0x7F | 50, &[status, 0xC0]));
+        rig.run(OUTPUTS as u32);
+        assert_eq!(rig.code(), 0, "{status}");
+    }
+    rig.arm(255);
+    rig.run(OUTPUTS as u32);
+    assert_eq!((rig.code(), rig.level()), (Conditions::FAILSAFE.code(), Level::Error as u8));
+    rig.throttles(FULL_AND_HALF);
+    assert_eq!(rig.code(), 0);
+}
+
+#[test]
+fn a_motor_is_in_failsafe_once_the_arming_status_is_missing_for_its_time() {
+    for heard_ms in [0, 300, 999] {
+        let mut rig = with_motors();
+        rig.run(heard_ms);
+        rig.arm(255);
+        rig.throttles(FULL_AND_HALF);
+        rig.run(4000);
+        assert_eq!((rig.servos_us()[6..].to_vec(), rig.code()), (vec![1000; 2], 0));
+        rig.run(1000 + 2 * OUTPUTS as u32);
+        assert_eq!(rig.code(), Conditions::FAILSAFE.code(), "{heard_ms}");
+    }
+}
+
+#[cfg(feature = "safety")]
+#[test]
+fn the_safety_switch_counts_as_on_for_four_to_five_seconds() {
+    for begin_ms in [1, 500, 999] {
+        let mut rig = hub();
+        rig.run(begin_ms);
+        rig.widths(&[(1, 1500)]);
+        rig.hear(&golden::frame(0x184E_200A, &[0, 0xC0]));
+        rig.run(4000);
+        assert_eq!(rig.code(), Conditions::DISARMED.code(), "{begin_ms}");
+        rig.run(1002);
+        assert_eq!(rig.code(), 0, "{begin_ms}");
+    }
+}
+
+#[test]
+fn an_output_has_two_commanders_if_another_commands_it_within_two_seconds() {
+    for (later_ms, code) in [(2000, Conditions::TWO_COMMANDERS.code()), (2002, 0)] {
+        let mut rig = Rig::with(&[(Parameter::OutCount, 2), (OutputParameter::Timeout.of(0), 0)]);
+        rig.hear(&width_from(10, 1200.0));
+        rig.run(later_ms);
+        rig.hear(&width_from(11, 1300.0));
+        assert_eq!(rig.code(), code, "{later_ms}");
+    }
+}
+
+/// Commands were missing for a reason.
+#[cfg(feature = "safety")]
+#[test]
+fn the_safety_switch_ends_the_doubt_about_a_motor_s_commands() {
+    const SAFETY_STATE: u32 = 0x184E_200A;
+    let mut rig = with_motors();
+    rig.arm(255);
+    rig.throttles(FULL_AND_HALF);
+    rig.run(300);
+    rig.hear(&golden::frame(SAFETY_STATE, &[0, 0xC0]));
+    rig.arm(255);
+    rig.run(100);
+    assert_eq!(rig.code() & Conditions::FAILSAFE.code(), 0, "the switch is on");
+    rig.hear(&golden::frame(SAFETY_STATE, &[255, 0xC0]));
+    rig.run(300);
+    rig.arm(255);
+    rig.run(100);
+    assert_eq!(rig.code(), Conditions::FAILSAFE.code(), "it is off, and no command comes");
 }
 
 #[test]
@@ -484,6 +612,67 @@ fn an_update_is_accepted_from_a_disarmed_autopilot_and_called_off_if_it_arms_bef
     assert!(rig.is_to_restart, "commanded, and disarmed");
 }
 
+/// At each start of ArduPilot, and at its safety switch.
+#[cfg(feature = "safety")]
+#[test]
+fn the_monitor_says_armed_only_of_a_vehicle_that_is_armed() {
+    const SAFETY_STATE: u32 = 0x184E_200A;
+    for (required, lines) in [
+        (0, ["safety switch on", "safety switch off"].as_slice()),
+        (1, ["disarmed", "armed"].as_slice()),
+    ] {
+        let mut rig = Rig::with(&[(Parameter::ArmReq, required)]);
+        rig.status_of(10);
+        rig.run(10);
+        for (safety, arming) in [(0, 0), (255, 0), (255, 255)] {
+            rig.hear(&golden::frame(SAFETY_STATE, &[safety, 0xC0]));
+            rig.arm(arming);
+            rig.run(500);
+        }
+        let log = String::from_utf8(rig.log.clone()).unwrap();
+        let found: Vec<_> = log
+            .lines()
+            .filter(|line| {
+                !line.contains("rx") && (line.contains("armed") || line.contains("switch"))
+            })
+            .collect();
+        assert_eq!(found, lines);
+    }
+}
+
+/// ArduPilot does not arm with a node that is not OPERATIONAL.
+#[cfg(feature = "update")]
+#[test]
+fn the_status_says_software_update_between_the_answer_and_the_restart_and_not_if_it_is_called_off()
+{
+    const SOFTWARE_UPDATE: u8 = 3 << 3;
+    const UPDATE: &str = "1E28F8FF 00 66 77 2E 62 69 6E C9";
+    for after_ms in [1, 100, 499, 999] {
+        let mut rig = hub();
+        rig.program.node.update.start(true);
+        rig.run(2000 + after_ms);
+        rig.can.sent.clear();
+        let asked_ms = rig.ms;
+        rig.text(UPDATE);
+        while !rig.is_to_restart {
+            rig.run(1);
+        }
+        let frames: Vec<_> =
+            rig.can.sent.iter().map(|(ms, frame)| (*ms, golden::id(frame))).collect();
+        let answered = frames.iter().position(|(_, id)| *id == 0x1E28_7FF8).unwrap();
+        let said = frames.iter().position(|(_, id)| *id == NODE_STATUS).unwrap();
+        assert!(said > answered && frames[said].0 - asked_ms < 10, "{frames:?}");
+        assert_eq!(rig.can.sent[said].1.data()[4] & 0x38, SOFTWARE_UPDATE);
+        assert!(rig.ms - asked_ms >= 100);
+    }
+    let mut rig = hub();
+    rig.program.node.update.start(true);
+    rig.text(UPDATE);
+    rig.arm(255);
+    rig.run(1000);
+    assert_eq!(rig.status().0 & 0x38, 0, "called off");
+}
+
 #[cfg(feature = "log")]
 #[test]
 fn a_failsafe_is_told_when_it_begins_and_ends_and_not_more_than_twice_a_second() {
@@ -499,16 +688,26 @@ fn a_failsafe_is_told_when_it_begins_and_ends_and_not_more_than_twice_a_second()
         .collect();
     assert_eq!(
         texts,
-        [
-            (2, "FAILSAFE: no commands"),
-            (2, "FAILSAFE of output 1"),
-            (1, "commands again"),
-            (1, "commands again for output 1"),
-        ]
+        [(2, "FAILSAFE: no commands"), (2, "FAILSAFE of output 1"), (1, "commands again"),]
     );
     for pair in told.windows(2) {
         assert!(pair[1].0 - pair[0].0 >= 495, "{told:?}");
     }
+}
+
+/// They are looked at one after the other.
+#[cfg(feature = "log")]
+#[test]
+fn outputs_that_fail_together_are_named_together() {
+    let mut rig = hub();
+    rig.widths(&[(1, 1500), (3, 1500), (8, 1500)]);
+    rig.run(2000);
+    rig.widths(&[(3, 1500)]);
+    rig.run(1000);
+    let text = |(_, payload, _): (u32, Vec<u8>, u8)| String::from_utf8_lossy(&payload[1..]).into();
+    let told: Vec<String> =
+        rig.transfers(LOG_MESSAGE, golden::LOG_MESSAGE).into_iter().map(text).collect();
+    assert_eq!(told, ["FAILSAFE: no commands", "FAILSAFE of output 138", "FAILSAFE of output 18"]);
 }
 
 #[test]
@@ -604,18 +803,33 @@ fn a_raw_command_that_is_too_short_or_for_others_is_no_command() {
 }
 
 #[test]
-fn with_motors_the_filters_let_raw_commands_through() {
-    let rig =
-        |values: &[(Parameter, i32)]| Rig::with(&[&[(Parameter::OutCount, 8)], values].concat());
-    let mut rig = rig(&[]);
+fn a_single_motor_lets_raw_commands_through_the_filters() {
+    let mut rig = Rig::with(&[]);
     rig.run(5000);
-    assert_eq!(rig.program.node.acceptance(InMemory).row, crate::node::acceptance::Row::WITH_ID);
+    assert_eq!(rig.program.node.acceptance(InMemory).row, Row::WITH_ID);
     let set = rig.can.filters_set;
-    rig.set_output(5, OutputParameter::Type, 1);
+    rig.set_output(0, OutputParameter::Type, 1);
     rig.run(5000);
-    assert_eq!(
-        rig.program.node.acceptance(InMemory).row,
-        crate::node::acceptance::Row::WITH_MOTORS
-    );
+    assert_eq!(rig.program.node.acceptance(InMemory).row, Row::WITH_MOTORS);
     assert_eq!(rig.can.filters_set, set + 1);
+}
+
+#[test]
+fn several_outputs_let_all_frames_through_the_filters_and_drop_those_of_others_silently() {
+    let mut rig = Rig::with(&[(Parameter::OutCount, 2)]);
+    rig.run(5000);
+    let set = rig.can.filters_set;
+    rig.set_output(1, OutputParameter::Type, 1);
+    rig.run(5000);
+    assert_eq!(rig.program.node.acceptance(InMemory).row, Row::WITH_SEVERAL_OUTPUTS);
+    assert_eq!(rig.can.filters_set, set);
+    let refused = rig.program.node.health().counts.refused;
+    // esc.Status, a request and a response of others, a request for an ID, a standard frame.
+    for id in [0x1804_0A0A, 0x1E0B_8AFF, 0x1E0B_7F8A, 0x1E97_4D00, 0x8000_0000] {
+        rig.hear(&golden::frame(id, &[1, 2, 3, 0xC0]));
+    }
+    assert_eq!(rig.program.node.health().counts.refused, refused);
+    // From this node's ID.
+    rig.hear(&golden::frame(0x1804_0A00 | u32::from(rig.program.node.id()), &[0xC0]));
+    assert_eq!(rig.program.node.health().counts.refused, refused + 1);
 }

@@ -29,7 +29,6 @@ impl Arming {
     }
 
     /// False.
-    #[inline(always)]
     pub fn is_only_armed_by_others(&self, _id: u8) -> bool {
         false
     }

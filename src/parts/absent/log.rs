@@ -2,8 +2,8 @@
 
 use crate::monitor::Line;
 
-/// There is no message.
-pub const LEN: u8 = 0;
+/// False.
+pub const IS_THERE: bool = false;
 
 /// Nothing.
 #[derive(Default)]

@@ -21,6 +21,9 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// No verdict has it.
+    pub const IN_USE: u8 = 1;
+
     /// False.
     pub fn is_accepted(_number: u8) -> bool {
         false

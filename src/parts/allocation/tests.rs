@@ -65,8 +65,9 @@ fn waits(allocation: &Allocation, now_ms: u16) -> u16 {
     (0..5000).find(|&later| allocation.is_due(now_ms.wrapping_add(later))).unwrap()
 }
 
-/// The period of requests and the delay of a follow-up (DSDL 1.Allocation.uavcan).
-const PERIOD_MS: std::ops::RangeInclusive<u16> = 600..=1000;
+/// The period of requests and the delay of a follow-up (DSDL 1.Allocation.uavcan). A period may
+/// begin at the end of a millisecond, so 601 are 600 at least.
+const PERIOD_MS: std::ops::RangeInclusive<u16> = 601..=1000;
 const FOLLOW_UP_MS: std::ops::RangeInclusive<u16> = 0..=400;
 
 #[test]

@@ -22,7 +22,6 @@ const RECENT_S: u8 = 3;
 impl Outputs {
     /// True if no output follows commands, and no ArrayCommand came after the last followed one,
     /// not even one for other actuators.
-    #[inline(always)]
     pub fn hears_nothing(&self) -> bool {
         let follows = OUTPUTS > 1 && self.each.iter().any(Output::is_following);
         !self.hears_commands && !follows
@@ -70,7 +69,6 @@ impl Outputs {
 
     /// Takes note of the thesis's command, which is for the first output: 0 to 255 over the full
     /// travel. Returns the line for the reason of a refusal; [`Line::NONE`] if there is none.
-    #[inline(always)]
     pub fn act_on_servo_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
         if !self.kinds.is_actuator(1) {
             return Line::RefusedType;
@@ -85,7 +83,6 @@ impl Outputs {
     }
 
     /// Has these outputs, a bit each, follow their entries: those of one command.
-    #[inline(always)]
     pub(super) fn keep(&mut self, outputs: u8) {
         if self.waiting & outputs != 0 {
             self.superseded.count();
@@ -124,14 +121,11 @@ impl Outputs {
     }
 
     /// True if an entry waits to be followed.
-    #[inline(always)]
     pub fn has_entry(&self) -> bool {
         self.waiting != 0
     }
 
-    /// Follows the next entry that waits. After the lowest output of a command it has the board
-    /// begin the pulses, all in the same period. Fills in the event for the line to log.
-    #[inline(always)]
+    /// Follows the next entry that waits. Fills in the event for the line to log.
     pub fn follow_next(
         &mut self,
         event: &mut Event,
@@ -165,6 +159,7 @@ impl Outputs {
             board.set(output, pulse);
             self.hears_commands = false;
             self.failing &= !bit;
+            self.doubts.end(bit);
             if OUTPUTS == 1 || self.lowest & bit != 0 {
                 commander = source;
                 line = unit.line();
@@ -178,10 +173,6 @@ impl Outputs {
                 event.set_a(unit.logged(value));
                 event.set_b(pulse);
             }
-        }
-        // The command is followed whole, but for entries that newer commands have replaced.
-        if self.lowest & bit != 0 || self.waiting == 0 {
-            board.commit();
         }
         Followed { line, commander, is_second }
     }

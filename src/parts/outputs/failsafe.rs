@@ -8,7 +8,7 @@ use crate::tables::parameters::Parameters;
 
 impl Outputs {
     /// Starts the failsafe of each output when it is due. Call once a millisecond: it looks at one
-    /// output. Returns true if a failsafe starts because no command was followed for OUTn_TIMEOUT.
+    /// output. Returns true if it starts because no command was followed for the output's timeout.
     pub fn tick(&mut self, now_ms: u16, parameters: &Parameters) -> bool {
         let n = self.next_ticked();
         let bit = bit(n);
@@ -16,18 +16,26 @@ impl Outputs {
             self.touch();
         }
         let output = &self.each[place(n)];
+        let commander = output.commander;
+        let is_disarmed = self.is_disarmed(bit, commander, parameters);
+        if is_disarmed {
+            // Nobody has said so: that would have ended the doubt.
+            self.failing |= self.doubts.outputs() & bit;
+        }
         if !output.is_following() {
             return false;
         }
-        let commander = output.commander;
         let is_late = output.is_late(self.kinds.timeout_ms(n, bit, parameters), now_ms);
-        let is_disarmed = self.is_disarmed(bit, commander, parameters);
         let is_left_out = self.kinds.is_left_out(bit, commander);
         if is_late || is_disarmed || is_left_out {
             self.fail_output(n, bit, parameters);
         }
         if is_late {
-            self.failing |= bit;
+            if !self.kinds.needs_armed(bit) {
+                self.failing |= bit;
+            } else if !is_disarmed {
+                self.doubts.begin(bit);
+            }
         }
         is_late
     }
@@ -86,16 +94,20 @@ impl Outputs {
         self.failing != 0 && self.used() != 1
     }
 
-    /// The output whose failsafe has begun or ended since the last call, and true if it has begun.
-    /// `None` if there is none, or if one output is in use.
-    pub fn take_change(&mut self) -> Option<(usize, bool)> {
-        let changed = self.failing ^ self.reported;
-        if changed == 0 || self.used() == 1 {
-            return None;
+    /// True, once, if other outputs are in failsafe than when it was true last, and have been for a
+    /// round of [`tick`](Self::tick): outputs that fail together are reported together. False if
+    /// one output is in use.
+    pub fn take_change(&mut self) -> bool {
+        if self.used() == 1 || self.ticked != 0 {
+            return false;
         }
-        let output = changed.trailing_zeros() as usize;
-        self.reported ^= bit(output);
-        Some((output, self.failing & bit(output) != 0))
+        let is_settled = self.failing == self.seen;
+        self.seen = self.failing;
+        let is_changed = is_settled && self.failing != self.reported;
+        if is_changed {
+            self.reported = self.failing;
+        }
+        is_changed
     }
 
     /// The output of the next actuator.Status: those with an actuator ID take turns.
@@ -160,7 +172,32 @@ impl Outputs {
         arming::IS_BY_SOURCE
             && id != 0
             && self.commander_bits & bit(id.into()) != 0
-            && self.each.iter().any(|output| output.commander == id)
+            && self.commanded_by(id) != 0
+    }
+
+    /// Outputs whose last followed command was this node's: bit n is output n.
+    #[inline(never)]
+    fn commanded_by(&self, id: u8) -> u8 {
+        let (mut bit, mut outputs) = (1u8, 0);
+        for output in &self.each {
+            if output.commander == id {
+                outputs |= bit;
+            }
+            bit <<= 1;
+        }
+        outputs
+    }
+
+    /// Acts on the status of an ArmingStatus.
+    #[inline(always)]
+    pub fn act_on_arming_status(&mut self, source: u8, status: u8) {
+        self.arming.act_on_status(source, status);
+        if arming::IS_BY_SOURCE && self.doubts.outputs() != 0 {
+            let doubted = self.doubts.end(self.commanded_by(source));
+            if self.arming.is_armed_by(source) {
+                self.failing |= doubted;
+            }
+        }
     }
 
     /// Acts on a SafetyState. While it says safe, silence is expected, and the outputs do what
@@ -181,6 +218,7 @@ impl Outputs {
         }
         let was_safe = self.safety.is_safe();
         self.safety.begin(source);
+        self.failing |= self.doubts.end(u8::MAX);
         for (n, output) in self.each.iter_mut().enumerate() {
             if !was_safe && (output.is_following() || self.failing & bit(n) != 0) {
                 self.safety.note_following(bit(n));

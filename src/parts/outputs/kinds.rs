@@ -95,31 +95,26 @@ impl Kinds {
     }
 
     /// See [`Kind::is_actuator`].
-    #[inline(always)]
     pub fn is_actuator(&self, bit: u8) -> bool {
         ask!(self, bit, ref kind => kind.is_actuator())
     }
 
     /// See [`Kind::needs_armed`]. True for several outputs if it is for one.
-    #[inline(always)]
     pub fn needs_armed(&self, bit: u8) -> bool {
         ask!(self, bit, ref kind => kind.needs_armed())
     }
 
     /// See [`Kind::unpack`].
-    #[inline(always)]
     pub fn unpack(&mut self, bit: u8, output: &mut Output) {
         ask_all!(self, (kind, _) => kind.unpack(bit, output));
     }
 
     /// See [`Kind::pulse`].
-    #[inline(always)]
     pub fn pulse(&mut self, bit: u8, travel: &Travel, unit: CommandType, value: i16) -> Ticks {
         ask!(self, bit, ref mut kind => kind.pulse(bit, travel, unit, value))
     }
 
     /// See [`Kind::tick`].
-    #[inline(always)]
     pub fn tick(
         &mut self,
         bit: u8,
@@ -133,13 +128,11 @@ impl Kinds {
     }
 
     /// See [`Kind::timeout_ms`].
-    #[inline(always)]
     pub fn timeout_ms(&self, n: usize, bit: u8, parameters: &Parameters) -> u16 {
         ask!(self, bit, ref kind => kind.timeout_ms(n, parameters))
     }
 
     /// See [`Kind::is_left_out`].
-    #[inline(always)]
     pub fn is_left_out(&mut self, bit: u8, commander: u8) -> bool {
         let mut is_left_out = false;
         ask_all!(self, (kind, _) => is_left_out |= kind.is_left_out(bit, commander));
@@ -156,20 +149,17 @@ impl Kinds {
     }
 
     /// See [`Kind::begin_safe`].
-    #[inline(always)]
     pub fn begin_safe(&mut self, bit: u8, output: &mut Output, ends_pulses: bool) {
         output.stop_following();
         ask!(self, bit, ref mut kind => kind.begin_safe(output, ends_pulses));
     }
 
     /// See [`Kind::second`].
-    #[inline(always)]
     pub fn second(&mut self, parameters: &Parameters) {
         ask_all!(self, (kind, _) => kind.second(parameters));
     }
 
     /// See [`Kind::show`].
-    #[inline(always)]
     pub fn show(&mut self, board: &mut impl Pulses) {
         ask_all!(self, (kind, _) => kind.show(board));
     }

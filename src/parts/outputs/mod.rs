@@ -18,6 +18,9 @@ mod output;
 mod pulses;
 pub mod travel;
 
+#[cfg_attr(not(feature = "outputs"), path = "absent/doubts.rs")]
+mod doubts;
+
 #[cfg_attr(not(feature = "relay"), path = "absent/hardpoint.rs")]
 mod hardpoint;
 
@@ -32,6 +35,7 @@ use crate::parts::arming::Arming;
 use crate::parts::safety::Safety;
 use crate::parts::superseded::Superseded;
 use crate::tables::parameters::{OutputParameter, Parameters};
+use doubts::Doubts;
 use kinds::Kinds;
 use output::{NO_SLOT, Output};
 pub use pulses::Pulses;
@@ -65,7 +69,7 @@ pub struct Outputs {
     /// Outputs whose entry waits to be followed: bit n is output n.
     waiting: u8,
     /// The lowest output of each command: bit n is output n. It is followed after the others of the
-    /// command, which is then counted and logged, and whose pulses begin together.
+    /// command, which is then counted and logged.
     lowest: u8,
     /// Outputs whose last followed command was logged in this second: bit n is output n.
     logged: u8,
@@ -75,8 +79,11 @@ pub struct Outputs {
     last: (u8, u8),
     /// Outputs in failsafe: bit n is output n.
     failing: u8,
-    /// `failing` when it was reported last.
+    /// `failing` when it was reported last, and at the beginning of the last round of `tick`.
     reported: u8,
+    seen: u8,
+    /// Motors that may be in failsafe.
+    doubts: Doubts,
     /// The output of the next actuator.Status.
     telemetry: u8,
     /// The output whose parameters are applied next.
@@ -114,6 +121,8 @@ impl Outputs {
             last: (0, 0),
             failing: 0,
             reported: 0,
+            seen: 0,
+            doubts: Doubts::new(),
             telemetry: 0,
             updated: 0,
             ticked: 0,
@@ -133,7 +142,6 @@ impl Outputs {
     }
 
     /// The number of outputs in use.
-    #[inline(always)]
     pub fn used(&self) -> usize {
         if OUTPUTS == 1 { 1 } else { usize::from(self.used).min(OUTPUTS) }
     }
@@ -145,7 +153,6 @@ impl Outputs {
     }
 
     /// Begins to apply the parameters: those of the first output are next.
-    #[inline(always)]
     pub fn begin_update(&mut self) {
         if OUTPUTS > 1 {
             self.updated = 0;
@@ -165,7 +172,6 @@ impl Outputs {
         n + 1 == self.used()
     }
 
-    #[inline(always)]
     fn update_output(&mut self, n: usize, parameters: &Parameters) {
         let id = parameters.of(n, OutputParameter::Id) as u8;
         let is_another_kind = self.kinds.update(n, bit(n), parameters);
@@ -187,7 +193,6 @@ impl Outputs {
 
     /// Finds the slot of an output, which `has_slot` if it follows ArrayCommands. The first of the
     /// outputs with the same ID has the slot, with the bits of all of them.
-    #[inline(always)]
     fn update_slot(&mut self, n: usize, has_slot: bool, is_another: bool) {
         let own = Slot::new(n as u8);
         if is_another {
@@ -242,13 +247,11 @@ impl Outputs {
     }
 
     /// The position that an output's pulse asks for, in radians as a float16; NaN without a pulse.
-    #[inline(always)]
     pub fn position(&self, output: usize) -> u16 {
         self.each[place(output)].position()
     }
 
     /// Gives the pulses to the outputs of the board.
-    #[inline(always)]
     pub fn show(&mut self, board: &mut impl Pulses) {
         self.kinds.show(board);
         // A single output ends its pulses only between two of them, so it gets its width again
@@ -258,12 +261,9 @@ impl Outputs {
                 board.set(output, self.each[place(output)].pulse());
             }
         }
-        // Also what the board could not begin when it was set.
-        board.commit();
     }
 
     /// A pulse changed without a command. (The board gets that of a single output in any case.)
-    #[inline(always)]
     fn touch(&mut self) {
         if OUTPUTS > 1 {
             self.is_stale = true;
@@ -273,7 +273,6 @@ impl Outputs {
 
 /// The bit of an output in a set of outputs, or of a node ID modulo 8. The AVR shifts by one place
 /// at a time, so this takes half as long as a shift by a variable.
-#[inline(always)]
 const fn bit(output: usize) -> u8 {
     let mut bit = 1u8;
     if output & 1 != 0 {
@@ -291,14 +290,12 @@ const fn bit(output: usize) -> u8 {
 /// The same reference, of which the compiler does not know that it is to a static. Otherwise it
 /// adds the address of the static to the offset of a field at each access, and that takes three
 /// instructions more. (A single output has no offset.)
-#[inline(always)]
 fn by_pointer<T: ?Sized>(outputs: &mut T) -> &mut T {
     if OUTPUTS == 1 { outputs } else { core::hint::black_box(outputs) }
 }
 
 /// The place of an output in a table. Outputs beyond the last do not occur, and the compiler cannot
 /// know that.
-#[inline(always)]
 #[allow(clippy::modulo_one, reason = "a build may have one output")]
 fn place(output: usize) -> usize {
     output % OUTPUTS

@@ -65,14 +65,15 @@ impl Output {
         if self.pulse == 0 { float16::NAN } else { self.travel.position(self.pulse) }
     }
 
-    /// True if a command was followed less than `time_ms` ago.
+    /// True if a command was followed within the last `time_ms`, or up to a millisecond before.
     pub fn has_followed_within(&self, time_ms: u16, now_ms: u16) -> bool {
-        self.is_following && now_ms.wrapping_sub(self.followed_ms) < time_ms
+        self.is_following && now_ms.wrapping_sub(self.followed_ms) <= time_ms
     }
 
-    /// True if no command was followed for this time; 0 is for ever.
+    /// True if no command was followed for this time, and up to a millisecond longer: the command
+    /// may have come at the end of its millisecond. 0 is for ever.
     pub fn is_late(&self, timeout_ms: u16, now_ms: u16) -> bool {
-        timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) >= timeout_ms
+        timeout_ms != 0 && now_ms.wrapping_sub(self.followed_ms) > timeout_ms
     }
 
     /// Follows the entry. `pulse` tells the pulse for its type and its value in fixed point.

@@ -11,8 +11,4 @@ pub trait Pulses {
     /// Sets the level of the pin of an output without pulses.
     #[inline(always)]
     fn set_level(&mut self, _output: usize, _is_high: bool) {}
-
-    /// Ends a group of calls of [`set`](Self::set), whose pulses begin in the same period.
-    #[inline(always)]
-    fn commit(&mut self) {}
 }

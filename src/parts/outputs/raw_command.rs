@@ -8,14 +8,12 @@ use crate::tables::wire::Transfer;
 
 impl Outputs {
     /// True if an output in use is a motor.
-    #[inline(always)]
     pub fn has_motors(&self) -> bool {
         self.kinds.motors.outputs() != 0
     }
 
     /// Takes note of an esc.RawCommand: keeps its commands for the outputs that are motors. Returns
     /// the line for the reason of a refusal; [`Line::NONE`] if there is none.
-    #[inline(always)]
     pub fn act_on_raw_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
         let len = command.payload().len() as u8;
         let found = self.kinds.motors.commanded(len, self.each.iter().map(|output| output.id));

@@ -9,6 +9,9 @@ use crate::tables::parameters::{OutputParameter, Parameters};
 /// Width of a pulse in ticks of half a microsecond, the unit of the timer; 0 is no pulse.
 pub type Ticks = u16;
 
+/// The line of a command has the value.
+const HAS_VALUES: bool = cfg!(feature = "values");
+
 /// The unit of a command's value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u8)]
@@ -45,7 +48,6 @@ impl CommandType {
     }
 
     /// The value in fixed point: a float16 with 14, 12 or 1 fractional bits, or the number itself.
-    #[inline(always)]
     pub fn fixed(self, value: u16) -> i16 {
         let fraction_bits = match self {
             Self::Unitless => 14,
@@ -59,18 +61,22 @@ impl CommandType {
     /// The line to log when a command is followed.
     pub fn line(self) -> Line {
         match self {
+            Self::Byte => Line::CommandThesis,
+            Self::Throttle => Line::RawCommand,
+            _ if !HAS_VALUES => Line::Command,
             Self::Unitless => Line::CommandUnitless,
             Self::Position => Line::CommandPosition,
             Self::Pwm => Line::CommandPwm,
-            Self::Byte => Line::CommandThesis,
-            Self::Throttle => Line::RawCommand,
         }
     }
 
-    /// The value for the line: microseconds, thousandths, or the number itself.
-    #[inline(always)]
+    /// The value for the line: microseconds, thousandths, or the number itself. A line without the
+    /// value takes any.
     pub fn logged(self, fixed: i16) -> u16 {
         let mut logged = fixed;
+        if !HAS_VALUES {
+            return fixed as u16;
+        }
         if matches!(self, Self::Unitless | Self::Position) {
             logged >>= if self == Self::Unitless { 4 } else { 2 };
             // Converts 1024ths to thousandths: 1 - 3/128 is 1000/1024. No product overflows.
@@ -127,7 +133,6 @@ impl Travel {
     }
 
     /// Distance from the trim to one end.
-    #[inline(always)]
     fn side(&self, is_low: bool) -> Ticks {
         if is_low { self.below } else { self.above }
     }

@@ -58,6 +58,7 @@ fn a_divider_multiplies_the_voltage_at_the_pin() {
     }
 }
 
+#[cfg(feature = "sensors")]
 #[test]
 fn against_the_bandgap_full_scale_is_1_1_volts() {
     let values = [(Parameter::TempRef, 1), (Parameter::Pwr1VoltMult, 20_000)];

@@ -228,7 +228,9 @@ fn an_input_with_a_pulse_in_each_slot_is_noisy_until_it_has_fewer() {
         turning.at(60.0 * noise_hz).run(200);
         assert_eq!(turning.message().0, UNHEALTHY);
         turning.next_us = f64::INFINITY;
-        turning.run(2000);
+        turning.run(1999);
+        assert_eq!(turning.message().0, UNHEALTHY, "not before two seconds without a pulse");
+        turning.run(3);
         assert_eq!(turning.message(), (0, 0.0));
         #[cfg(feature = "monitor")]
         assert_eq!(

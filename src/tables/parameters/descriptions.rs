@@ -5,6 +5,7 @@ use dronecan_wire::crc;
 use super::{At, COUNT, HAS_PREFIX, Parameter, ROWS, SINGLE, row};
 use crate::hardware::OUTPUTS;
 use crate::progmem::Progmem;
+use crate::tables::bit_rate::in_bits_per_second;
 
 /// The table in flash: [`PACKED`].
 pub struct Descriptions;
@@ -95,12 +96,16 @@ pub const PACKED: [u8; LEN] = {
     packed
 };
 
-/// The CRC of the number of outputs, and of all names and ranges.
+/// The CRC of the number of outputs, and of all names and ranges. That of CAN_BAUDRATE begins at 0
+/// also where it begins at -1: the values that another build has saved mean the same.
 pub const DIGEST: u16 = {
     let mut digest = crc::step(0xFFFF, OUTPUTS as u8);
     let mut n = 0;
     while n < ROWS {
-        let (name, min, max, _) = row(n);
+        let (name, mut min, max, _) = row(n);
+        if n == Parameter::CanBaudrate.index() as usize {
+            min = 0;
+        }
         let [min_low, min_high] = (min as u16).to_le_bytes();
         let [max_low, max_high] = (max as u16).to_le_bytes();
         let range = [min_low, min_high, max_low, max_high];
@@ -114,16 +119,6 @@ pub const DIGEST: u16 = {
     }
     digest
 };
-
-/// The bit rate in bit/s for a value of CAN_BAUDRATE.
-#[inline(never)]
-pub(super) fn rate(doublings: u8) -> u32 {
-    let mut rate = 125_000;
-    for _ in 0..doublings {
-        rate <<= 1;
-    }
-    rate
-}
 
 /// The bits above the lower 16 of a value: its sign if the minimum is negative (then the maximum is
 /// below 32,768).
@@ -222,11 +217,9 @@ impl Response {
         }
         let mut high = sign(low, flash.word(place(MINIMA, self.at.row))) as u8;
         if self.at.row == Parameter::CanBaudrate.index() {
-            let [b0, b1, b2, _] = rate(low as u8).to_le_bytes();
+            let [b0, b1, b2, _] = in_bits_per_second(low as u8).to_le_bytes();
             low = u16::from_le_bytes([b0, b1]);
-            if at == 3 {
-                high = b2;
-            }
+            high = if at == 3 { b2 } else { 0 };
         }
         match at {
             0 => TAG_INTEGER,

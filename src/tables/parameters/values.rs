@@ -1,19 +1,19 @@
 //! The values of the parameters that are in force.
 
 use super::descriptions::{
-    DEFAULTS, Descriptions, MINIMA, NAMES, NAMES_OF_OUTPUT, VALUE_LEN, is_in_range, place, rate,
-    sign,
+    DEFAULTS, Descriptions, MINIMA, NAMES, NAMES_OF_OUTPUT, VALUE_LEN, is_in_range, place, sign,
 };
 use super::{At, COUNT, HAS_PREFIX, NONE, OutputParameter, Parameter, ROWS, SINGLE, TEMPLATE};
-use crate::hardware::{OUTPUTS, SLOT_US};
+use crate::hardware::OUTPUTS;
 use crate::progmem::Progmem;
-use crate::tables::bit_rate::HIGHEST_RATE;
+use crate::tables::bit_rate::{HIGHEST_RATE, LOWEST, in_bits_per_second};
 
 /// The values in force.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameters {
-    values: [[u8; VALUE_LEN as usize]; COUNT],
-    /// True if a value may have changed since the last [`take_change`](Self::take_change).
+    pub(super) values: [[u8; VALUE_LEN as usize]; COUNT],
+    /// True if a value may have changed since the last [`take_change`](Self::take_change), or if
+    /// the EEPROM may not have the values.
     has_changed: bool,
 }
 
@@ -32,7 +32,6 @@ impl Parameters {
     }
 
     /// The value of a parameter; `fixed` if the build leaves it out.
-    #[inline(always)]
     pub fn get_or(&self, parameter: Parameter, fixed: u16) -> u16 {
         if parameter.0 == NONE { fixed } else { self.get(parameter) }
     }
@@ -54,9 +53,15 @@ impl Parameters {
         self.values.as_flattened_mut()
     }
 
-    /// True if a value may have changed since the last call.
+    /// True if a value may have changed since the last call, or if the EEPROM may not have the
+    /// values.
     pub(crate) fn take_change(&mut self) -> bool {
         core::mem::take(&mut self.has_changed)
+    }
+
+    /// Notes that the EEPROM may not have the values.
+    pub(crate) fn are_not_saved(&mut self) {
+        self.has_changed = true;
     }
 
     /// The index of the parameter with this name; [`NONE`] if no parameter has it.
@@ -98,22 +103,25 @@ impl Parameters {
             return false;
         }
         if index == Parameter::CanBaudrate.index() {
-            let mut doublings = 0;
-            while doublings <= HIGHEST_RATE as u8 && rate(doublings) != number as u32 {
-                doublings += 1;
+            let mut baudrate = 0;
+            while baudrate <= HIGHEST_RATE as u8 && in_bits_per_second(baudrate) != number as u32 {
+                baudrate += 1;
             }
-            number = i32::from(doublings);
+            number = if LOWEST < 0 && number == 0 { LOWEST } else { i32::from(baudrate) };
         }
         let (low, high) = (number as u16, (number >> 16) as u16);
         let row = At::new(index).row;
         if !is_in_range(low, place(DEFAULTS, row), flash)
             || high != sign(low, flash.word(place(MINIMA, row)))
-            || self.has_no_room(index, low)
+            || self.conflict(index, low).is_some()
         {
             return false;
         }
-        self.values[usize::from(index)] = low.to_le_bytes();
-        self.has_changed = true;
+        let value = &mut self.values[usize::from(index)];
+        if *value != low.to_le_bytes() {
+            *value = low.to_le_bytes();
+            self.has_changed = true;
+        }
         true
     }
 
@@ -151,42 +159,6 @@ impl Parameters {
     /// Sets all parameters to their defaults.
     pub fn set_defaults(&mut self, flash: impl Progmem<Descriptions>) {
         self.reset(true, flash);
-    }
-}
-
-/// True if the pulses of this number of outputs fit in a period of this rate one after the other.
-fn is_room(count: u16, rate_hz: u16) -> bool {
-    const SLOTS_PER_S: u32 = 1_000_000 / SLOT_US;
-    // The pulse of a single output needs no slot.
-    count == 1 || u32::from(count) * u32::from(rate_hz) <= SLOTS_PER_S
-}
-
-impl Parameters {
-    /// True if a value in the range of the parameter with this index does not go with the values in
-    /// force: the pulses of OUT_COUNT outputs have no room in a period of OUT_RATE.
-    pub(crate) fn has_no_room(&self, index: u8, value: u16) -> bool {
-        if OUTPUTS == 1 {
-            return false;
-        }
-        let (count, rate_hz) = (self.get(Parameter::OutCount), self.get(Parameter::OutRate));
-        if index == Parameter::OutCount.index() {
-            !is_room(value, rate_hz)
-        } else {
-            index == Parameter::OutRate.index() && !is_room(count, value)
-        }
-    }
-
-    /// The number of outputs in use. If the EEPROM had values that do not go together, as many as
-    /// have room.
-    pub fn outputs(&self) -> u8 {
-        if OUTPUTS == 1 {
-            return 1;
-        }
-        let mut count = self.get(Parameter::OutCount);
-        while !is_room(count, self.get(Parameter::OutRate)) {
-            count -= 1;
-        }
-        count as u8
     }
 }
 

@@ -54,7 +54,6 @@ impl Motors {
 
     /// The motors for which an esc.RawCommand of `len` bytes has a command: bit n is output n.
     /// `indices` has the ID of each output.
-    #[inline(always)]
     pub fn commanded(&mut self, len: u8, indices: impl Iterator<Item = u8>) -> u8 {
         if len != self.len {
             self.len = len;
@@ -94,14 +93,12 @@ impl Motors {
     }
 
     /// Takes note of an esc.RawCommand of this node, which has commands for the motors `found`.
-    #[inline(always)]
     pub fn leave_out(&mut self, source: u8, found: u8) {
         self.left_out = self.motors & !found;
         self.left_out_by = source;
     }
 
     /// These motors, a bit each, got a command that they must not follow.
-    #[inline(always)]
     pub fn refuse(&mut self, motors: u8) {
         self.idle |= motors;
     }
@@ -120,12 +117,10 @@ impl Motors {
 }
 
 impl Kind for Motors {
-    #[inline(always)]
     fn outputs(&self) -> u8 {
         self.motors
     }
 
-    #[inline(always)]
     fn update(&mut self, _n: usize, bit: u8, is_of_kind: bool, _parameters: &Parameters) {
         self.motors = if is_of_kind { self.motors | bit } else { self.motors & !bit };
         // A command for the old type or ID gives no pulse.
@@ -137,7 +132,6 @@ impl Kind for Motors {
         true
     }
 
-    #[inline(always)]
     fn unpack(&mut self, bit: u8, output: &mut Output) {
         if self.kept & bit == 0 {
             return;
@@ -148,14 +142,12 @@ impl Kind for Motors {
         }
     }
 
-    #[inline(always)]
     fn pulse(&mut self, _bit: u8, travel: &Travel, _unit: CommandType, value: i16) -> Ticks {
         travel.pulse_of_throttle(value)
     }
 
     /// A motor that got a command that it must not follow has the pulse for no throttle, if
     /// MOT_IDLE says so.
-    #[inline(always)]
     fn tick(&mut self, bit: u8, output: &mut Output, _: u16, parameters: &Parameters) -> bool {
         let is_idle = self.idle & bit != 0;
         self.idle &= !bit;
@@ -168,13 +160,11 @@ impl Kind for Motors {
         false
     }
 
-    #[inline(always)]
     fn timeout_ms(&self, _n: usize, parameters: &Parameters) -> u16 {
         parameters.get(Parameter::MotTimeout)
     }
 
     /// True, once, if the last esc.RawCommand of the commander had no command for this motor.
-    #[inline(always)]
     fn is_left_out(&mut self, bit: u8, commander: u8) -> bool {
         let is_left_out = self.left_out & bit != 0 && self.left_out_by == commander;
         self.left_out &= !bit;
@@ -182,7 +172,6 @@ impl Kind for Motors {
     }
 
     /// Stops. A motor that was never commanded has no pulse.
-    #[inline(always)]
     fn fail_safe(&mut self, _n: usize, output: &mut Output, _parameters: &Parameters) {
         if output.pulse() != 0 {
             output.set_pulse(output.travel().low());
@@ -190,7 +179,6 @@ impl Kind for Motors {
     }
 
     /// Stops, whatever SAFE_MODE says.
-    #[inline(always)]
     fn begin_safe(&mut self, output: &mut Output, _ends_pulses: bool) {
         if output.pulse() != 0 {
             output.set_pulse(output.travel().low());
