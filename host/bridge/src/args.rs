@@ -13,47 +13,11 @@ use std::time::Duration;
 /// Smallest interval; shorter ones would only fill the channel.
 const INFO_INTERVAL_MIN: Duration = Duration::from_secs(1);
 
-const EXAMPLES: &str = "\
-Buses (--bus):
-  slcan:/dev/ttyACM0        SLCAN adapter; slcan:PATH:BAUD where the baud rate matters; \"sim \
-                        --slcan PATH\" offers one
-  mcast:0                   UDP multicast bus of pydronecan, libcanard, ArduPilot SITL and \"sim \
-                        --mcast 0\", on loopback
-  socketcan:can0            a CAN interface of the Linux kernel
-
-Channels (--mavlink), any number of them:
-  udpout:HOST:PORT          sends to a ground station that listens: QGroundControl and MAVProxy on \
-                        port 14550
-  udpin:[ADDRESS:]PORT      listens for ground stations; on loopback unless there is an address
-  tcp:HOST:PORT             connects to one that listens, and reconnects
-  tcpin:[ADDRESS:]PORT      listens for connections; on loopback unless there is an address
-  serial:PATH[:BAUD]        a radio; 57600 baud by default. The bridge sends no more than that \
-                        baud rate carries
-
-A serial port of a node (--tunnel), for any terminal program:
-  42:/tmp/port              its default port, as with ArduPilot's nodes; 42:/tmp/port,port=1 \
-                        another
-  42:/tmp/port,broadcast=0x55   a module of Vertiq's
-
-Try it without any hardware, in three terminals:
-  sim --slcan /tmp/can
-  bridge --bus slcan:/tmp/can --mavlink udpout:127.0.0.1:14550
-  mavproxy.py --master=udp:127.0.0.1:14550 --target-component=120
-
-Exit codes:
-  0  ended by Ctrl-C, SIGTERM or --for          3  the bus cannot be opened
-  1  another error                              4  a channel or a tunnel cannot be opened
-  2  the command line is wrong                  5  --names: no node, or a node does not send its \
-                        parameters
-
-docs/bridge.md has the messages, the order in which a full channel drops them, and how to connect \
-                        each ground station.";
-
 /// Shows the nodes of a DroneCAN bus to MAVLink ground stations: their names and status. Ground
 /// stations can read, set and save parameters and restart nodes; the DroneCAN GUI Tool can use the
 /// bus itself. A node's MAVLink component ID is its node ID.
 #[derive(Clone, Debug, Parser)]
-#[command(name = "bridge", version, after_help = EXAMPLES)]
+#[command(name = "bridge", version)]
 pub struct Args {
     /// The DroneCAN bus: slcan:PATH, mcast:N or socketcan:NAME
     #[arg(long, value_name = "BUS")]

@@ -11,6 +11,7 @@ mod budget;
 mod peer;
 mod radio;
 mod receive;
+mod rejected;
 mod report;
 mod resolve;
 mod serial;
@@ -41,6 +42,7 @@ use std::time::Duration;
 use budget::Budget;
 use peer::{Peer, write};
 use radio::Radio;
+use rejected::Rejected;
 use resolve::{LookUp, resolve};
 pub use spec::Spec;
 
@@ -107,7 +109,7 @@ pub struct Channel {
     /// room.
     refused: u64,
     refusal_logged_at: Option<Duration>,
-    unsigned: u64,
+    rejected: Rejected,
     /// Messages that the queues of former peers dropped.
     dropped: u64,
     is_loss_logged: bool,
@@ -146,7 +148,7 @@ impl Channel {
             malformed: 0,
             refused: 0,
             refusal_logged_at: None,
-            unsigned: 0,
+            rejected: Rejected::default(),
             dropped: 0,
             is_loss_logged: false,
             log: Vec::new(),

@@ -13,7 +13,7 @@ use crate::commands::Commands;
 use crate::early::Early;
 use crate::forward::Forward;
 use crate::ftp;
-use crate::message::{Content, FTP_PAYLOAD_LEN, In, Request};
+use crate::message::{Content, FTP_PAYLOAD_LEN, In, Out, Request, warning};
 use crate::node::Node;
 use crate::post::{Asker, PeerId, Post, To};
 use crate::presence::{CONFLICT_REPEATED_AFTER, NodeChange};
@@ -261,6 +261,20 @@ impl Bridge {
         if let Some(content) = ftp::answer(asker.from, request) {
             self.state.post(To::One(asker.peer), Class::Answer, answering, content);
         }
+    }
+
+    /// The bridge's own heartbeat, for a station that has no place yet.
+    pub fn heartbeat(&self) -> Out {
+        self.own(Content::from(self.state.heartbeat(None)))
+    }
+
+    /// A STATUSTEXT of the bridge, for a station that has no place yet.
+    pub fn warning(&self, words: &str) -> Out {
+        self.own(Content::from(warning(words)))
+    }
+
+    fn own(&self, content: Content) -> Out {
+        Out { component: self.state.settings.component, content }
     }
 
     /// Sends a new ground station a heartbeat and the known nodes.

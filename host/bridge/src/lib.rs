@@ -20,6 +20,7 @@ pub mod core;
 mod early;
 mod forward;
 mod ftp;
+pub mod help;
 mod identity;
 mod joined;
 pub mod message;

@@ -16,7 +16,6 @@
 
 mod file;
 
-use anyhow::Result;
 use mavlink::MAVLinkV2MessageRaw;
 use std::cell::RefCell;
 use std::collections::BTreeMap;
@@ -31,12 +30,25 @@ const SIGNED: u8 = 0x01;
 /// Length of the hash in a signature, and of its timestamp, in bytes.
 const HASH_LEN: usize = 6;
 const TIMESTAMP_LEN: usize = 6;
+const TIMESTAMP_MAX: u64 = (1 << 48) - 1;
 /// Seconds from 1970 to the origin of timestamps, 2015-01-01.
 const ORIGIN_S: u64 = 1_420_070_400;
 /// How much older than the newest timestamp the first message of a stream may be.
 const NEW_WITHIN: u64 = 60 * UNITS_PER_S;
 /// Streams that are kept. Only holders of the key make streams.
 const STREAMS_MAX: usize = 1024;
+
+/// Why the signature of a message is rejected.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Rejection {
+    /// There is none.
+    Unsigned,
+    /// It was made with another key.
+    OtherKey,
+    /// The key is right, but the timestamp is not newer than the ones that count: the message comes
+    /// a second time, or the station's clock is late.
+    Old,
+}
 
 /// The key and the streams of all channels.
 pub struct Signing {
@@ -62,7 +74,7 @@ impl Signing {
     ///
     /// # Errors
     /// If the file cannot be read or written, has another content, or is another bridge's.
-    pub fn with_file(key: [u8; 32], path: &Path) -> Result<Signing> {
+    pub fn with_file(key: [u8; 32], path: &Path) -> anyhow::Result<Signing> {
         let (file, times) = TimesFile::open(path)?;
         let floor = times.newest;
         Ok(Signing { times, floor, file: Some(file), ..Signing::new(key) })
@@ -73,9 +85,9 @@ impl Signing {
         self.file.as_mut().map(|file| std::mem::take(&mut file.log)).unwrap_or_default()
     }
 
-    fn accepts(&mut self, message: &MAVLinkV2MessageRaw) -> bool {
+    fn check(&mut self, message: &MAVLinkV2MessageRaw) -> Result<(), Rejection> {
         if message.incompatibility_flags() & SIGNED == 0 {
-            return false;
+            return Err(Rejection::Unsigned);
         }
         self.times.newest = self.times.newest.max((self.clock)());
         // System IDs above 255 have no place in DroneCAN's world, nor in the bridge's addresses.
@@ -89,8 +101,11 @@ impl Signing {
         let own = self.sent.get(&stream).copied().unwrap_or(0);
         let mut hash = [0; HASH_LEN];
         message.calculate_signature(&self.key, &mut hash);
-        if timestamp <= last.max(own) || hash != message.signature_value() {
-            return false;
+        if hash != message.signature_value() {
+            return Err(Rejection::OtherKey);
+        }
+        if timestamp <= last.max(own) {
+            return Err(Rejection::Old);
         }
         self.times.streams.insert(stream, timestamp);
         self.times.newest = self.times.newest.max(timestamp);
@@ -98,7 +113,7 @@ impl Signing {
         if let Some(file) = &mut self.file {
             file.reserve(&self.times, Some(stream));
         }
-        true
+        Ok(())
     }
 
     /// Forgets the streams that have to be newer than their last message anyway.
@@ -111,7 +126,7 @@ impl Signing {
 
     fn sign(&mut self, message: &mut MAVLinkV2MessageRaw, link_id: u8) {
         // One more than the last: two messages of a stream differ in their timestamps.
-        let timestamp = (self.times.newest + 1).max((self.clock)());
+        let timestamp = (self.times.newest + 1).max((self.clock)()).min(TIMESTAMP_MAX);
         self.times.newest = timestamp;
         if let Some(file) = &mut self.file {
             file.reserve(&self.times, None);
@@ -127,11 +142,13 @@ impl Signing {
     }
 }
 
-/// The present time as a timestamp.
+/// The present time as a timestamp. A clock for whose time there is no timestamp, after 2104, is
+/// taken for one that is not set.
 fn now() -> u64 {
     let since_1970 = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     let since_origin = since_1970.saturating_sub(Duration::from_secs(ORIGIN_S));
-    since_origin.as_secs() * UNITS_PER_S + u64::from(since_origin.subsec_micros() / 10)
+    let time = since_origin.as_secs() * UNITS_PER_S + u64::from(since_origin.subsec_micros() / 10);
+    if time > TIMESTAMP_MAX { 0 } else { time }
 }
 
 /// Signs and checks the messages of one channel.
@@ -147,10 +164,13 @@ impl Signer {
         Signer { signing, link_id }
     }
 
-    /// True if the message is signed with the key, and was neither accepted before nor sent by the
-    /// bridge.
-    pub fn accepts(&self, message: &MAVLinkV2MessageRaw) -> bool {
-        self.signing.borrow_mut().accepts(message)
+    /// Checks that the message is signed with the key, and was neither accepted before nor sent by
+    /// the bridge.
+    ///
+    /// # Errors
+    /// If it is not, or was.
+    pub fn check(&self, message: &MAVLinkV2MessageRaw) -> Result<(), Rejection> {
+        self.signing.borrow_mut().check(message)
     }
 
     /// Signs a message that was serialised for signing.
@@ -171,6 +191,18 @@ mod tests {
 
     thread_local! {
         static NOW: Cell<u64> = const { Cell::new(0) };
+    }
+
+    impl Signing {
+        fn accepts(&mut self, message: &MAVLinkV2MessageRaw) -> bool {
+            self.check(message).is_ok()
+        }
+    }
+
+    impl Signer {
+        fn accepts(&self, message: &MAVLinkV2MessageRaw) -> bool {
+            self.check(message).is_ok()
+        }
     }
 
     /// State without a file, whose clock is at `now_s` seconds.
@@ -232,6 +264,20 @@ mod tests {
         assert!(state.accepts(&message(KEY, 940 * S, 4)), "a minute old");
         // Each link ID is a stream of its own: a station's second link may be late.
         assert!(state.accepts(&message(KEY, 999 * S, 5)));
+    }
+
+    #[test]
+    fn a_rejection_says_why() {
+        let mut state = signing(1000);
+        let mut raw = MAVLinkV2MessageRaw::new();
+        raw.serialize_message(
+            MavHeader::default(),
+            &MavMessage::HEARTBEAT(HEARTBEAT_DATA::default()),
+        );
+        assert_eq!(state.check(&raw), Err(Rejection::Unsigned));
+        assert_eq!(state.check(&message([8; 32], 1000 * S, 3)), Err(Rejection::OtherKey));
+        assert_eq!(state.check(&message([8; 32], 1, 3)), Err(Rejection::OtherKey));
+        assert_eq!(state.check(&signed(1)), Err(Rejection::Old));
     }
 
     #[test]

@@ -12,6 +12,16 @@ fn bridge(arguments: &[&str]) -> (bool, String) {
 }
 
 #[test]
+fn each_topic_of_the_help_is_printed_and_another_one_refused() {
+    for topic in ["bus", "channels", "rights", "tunnels", "output", "all"] {
+        let (is_well, printed) = bridge(&["--help", topic]);
+        assert!(is_well && printed.contains("--"), "{topic}: {printed}");
+    }
+    let (is_well, printed) = bridge(&["--help", "nonsense"]);
+    assert!(!is_well && printed.contains("bus, channels, rights"), "{printed}");
+}
+
+#[test]
 fn the_help_shows_examples_and_every_kind_of_bus_and_channel() {
     let (is_well, printed) = bridge(&["--help"]);
     assert!(is_well);

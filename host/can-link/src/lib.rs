@@ -9,8 +9,9 @@
 
 use anyhow::{Context, Result, anyhow, bail};
 use dronecan_host::mcast;
-use dronecan_host::slcan::{self, Replies, Reply};
+use dronecan_host::slcan::adapter::{Adapter, Channel, Refusal};
 use dronecan_host::{Frame, Id};
+use rustix::fs::{FlockOperation, flock};
 use rustix::io::Errno;
 use serial2::SerialPort;
 use socketcan::{CanSocket, EmbeddedFrame as _, Socket as _};
@@ -30,8 +31,6 @@ const QUEUE_LIMIT: usize = 1000;
 const TAKEN_AT_ONCE: usize = 500;
 /// Time between attempts to reopen the bus.
 const RETRY: Duration = Duration::from_secs(1);
-/// Timeout for each answer of an SLCAN adapter. Some adapters never answer, and work nevertheless.
-const SLCAN_TIMEOUT: Duration = Duration::from_millis(500);
 /// Baud rate of the adapter's serial port. USB adapters and pseudo-terminals ignore it.
 const SLCAN_BAUD: u32 = 115_200;
 
@@ -90,6 +89,10 @@ pub struct Counters {
     pub sent: u64,
     /// Frames for which the queue had no room, or that were queued when the bus was lost.
     pub dropped: u64,
+    /// Frames that came back from the adapter that had sent them.
+    pub echoed: u64,
+    /// Lines of the adapter that are not SLCAN.
+    pub invalid: u64,
 }
 
 /// A bus that is open, or that is to be reopened.
@@ -157,6 +160,10 @@ impl Bus {
                     }
                     _ => anyhow!(error).context(format!("cannot open {}", path.display())),
                 })?;
+                // Two programs would take each other's bytes, and close each other's channel.
+                if flock(&port, FlockOperation::NonBlockingLockExclusive).is_err() {
+                    bail!("another program uses {}: an update, or a bridge?", path.display());
+                }
                 Line::Slcan(Slcan::new(port, self.bit_rate, now)?)
             }
             Spec::Mcast(bus) => Line::Mcast(mcast::Port::open(*bus, self.interface)?),
@@ -184,7 +191,7 @@ impl Bus {
     /// True if the bus is open.
     pub fn is_up(&self) -> bool {
         match &self.line {
-            Some(Line::Slcan(slcan)) => slcan.state == State::Open,
+            Some(Line::Slcan(slcan)) => slcan.adapter.is_open(),
             Some(_) => true,
             None => false,
         }
@@ -213,7 +220,27 @@ impl Bus {
 
     fn receive(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
         match &mut self.line {
-            Some(Line::Slcan(slcan)) => return slcan.serve(now, frames),
+            Some(Line::Slcan(slcan)) => {
+                let served = slcan.serve(now, frames);
+                let invalid = std::mem::take(&mut slcan.adapter.invalid);
+                let echoed = std::mem::take(&mut slcan.adapter.echoed);
+                if echoed > 0 && self.counters.echoed == 0 {
+                    self.log.push(format!(
+                        "{} returns the frames that it has sent: they are ignored",
+                        self.spec
+                    ));
+                }
+                if invalid > 0 && self.counters.invalid == 0 {
+                    self.log.push(format!(
+                        "{} sends lines that are not SLCAN: is its baud rate right? \
+                         (slcan:PATH:BAUD)",
+                        self.spec
+                    ));
+                }
+                self.counters.invalid += invalid;
+                self.counters.echoed += echoed;
+                return served;
+            }
             Some(Line::Mcast(port)) => {
                 for _ in 0..TAKEN_AT_ONCE {
                     match port.receive() {
@@ -265,7 +292,7 @@ impl Bus {
     fn transmit(&mut self, now: Duration) {
         while let Some(frame) = self.queue.front() {
             let sent = match &mut self.line {
-                Some(Line::Slcan(slcan)) if slcan.state == State::Open => slcan.send(frame),
+                Some(Line::Slcan(slcan)) if slcan.adapter.is_open() => slcan.send(frame, now),
                 Some(Line::Mcast(port)) => port.send(frame).map(|_| true),
                 Some(Line::SocketCan(socket)) => send_socketcan(socket, frame),
                 _ => return,
@@ -307,7 +334,7 @@ impl Bus {
     /// The file descriptor to poll; `true` if also for room to write.
     pub fn poll_fd(&self) -> Option<(BorrowedFd<'_>, bool)> {
         match self.line.as_ref()? {
-            Line::Slcan(slcan) => Some((slcan.port.as_fd(), !slcan.out.is_empty())),
+            Line::Slcan(slcan) => Some((slcan.port.as_fd(), !slcan.adapter.output().is_empty())),
             Line::Mcast(port) => Some((port.as_fd(), false)),
             Line::SocketCan(socket) => Some((socket.as_fd(), !self.queue.is_empty())),
         }
@@ -317,7 +344,7 @@ impl Bus {
     pub fn deadline(&self) -> Option<Duration> {
         match &self.line {
             None => Some(self.retry_at),
-            Some(Line::Slcan(slcan)) if slcan.state != State::Open => Some(slcan.deadline),
+            Some(Line::Slcan(slcan)) => slcan.adapter.deadline(),
             Some(_) => None,
         }
     }
@@ -333,10 +360,11 @@ impl Bus {
 
 impl fmt::Display for Bus {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Counters { received, sent, dropped } = self.counters;
+        let Counters { received, sent, dropped, echoed, invalid } = self.counters;
         write!(f, "bus {}: {received} frames in, {sent} out", self.spec)?;
-        if dropped > 0 {
-            write!(f, ", {dropped} dropped")?;
+        let rest = [(dropped, "dropped"), (echoed, "returned"), (invalid, "lines not read")];
+        for (count, what) in rest.into_iter().filter(|(count, _)| *count > 0) {
+            write!(f, ", {count} {what}")?;
         }
         self.trouble.as_ref().map_or(Ok(()), |why| write!(f, ", not available: {why}"))
     }
@@ -359,54 +387,25 @@ fn send_socketcan(socket: &CanSocket, frame: &Frame) -> io::Result<bool> {
     }
 }
 
-/// The last command sent to an SLCAN adapter.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum State {
-    Closing,
-    Rate,
-    Opening,
-    Open,
-}
-
 /// An SLCAN adapter on its serial port.
 struct Slcan {
     port: SerialPort,
-    bit_rate: u32,
-    state: State,
-    deadline: Duration,
-    replies: Replies,
-    /// Bytes of a frame that the port has not accepted yet.
-    out: Vec<u8>,
+    adapter: Adapter,
 }
 
 impl Slcan {
     fn new(port: SerialPort, bit_rate: u32, now: Duration) -> Result<Slcan> {
         let _ = port.discard_buffers();
-        let mut slcan = Slcan {
-            port,
-            bit_rate,
-            state: State::Closing,
-            deadline: Duration::ZERO,
-            replies: Replies::default(),
-            out: Vec::new(),
-        };
-        // Ends an incomplete line, and a session.
-        slcan.send_command(now, State::Closing, b"\rC\r")?;
+        let mut slcan = Slcan { port, adapter: Adapter::new(bit_rate, Channel::Normal, now) };
+        slcan.write()?;
         Ok(slcan)
-    }
-
-    fn send_command(&mut self, now: Duration, state: State, command: &[u8]) -> io::Result<()> {
-        self.state = state;
-        self.deadline = now + SLCAN_TIMEOUT;
-        self.out.extend(command);
-        self.write().map(|_| ())
     }
 
     /// Writes the waiting bytes. Returns true if none is left.
     fn write(&mut self) -> io::Result<bool> {
-        while !self.out.is_empty() {
-            match rustix::io::write(&self.port, &self.out) {
-                Ok(written) => drop(self.out.drain(..written)),
+        while !self.adapter.output().is_empty() {
+            match rustix::io::write(&self.port, self.adapter.output()) {
+                Ok(written) => self.adapter.written(written),
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => return Ok(false),
                 Err(error) => return Err(error.into()),
@@ -416,11 +415,10 @@ impl Slcan {
     }
 
     /// Returns `false` if there is no room now.
-    fn send(&mut self, frame: &Frame) -> io::Result<bool> {
-        if !self.write()? {
+    fn send(&mut self, frame: &Frame, now: Duration) -> io::Result<bool> {
+        if !self.write()? || !self.adapter.send(frame, now) {
             return Ok(false);
         }
-        self.out = slcan::line(frame, None);
         self.write()?;
         Ok(true)
     }
@@ -428,63 +426,29 @@ impl Slcan {
     fn serve(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
         self.write()?;
         let mut buffer = [0; 4096];
-        // Some adapters answer the empty line before the command, some do not: the bit rate is set
-        // when all answers have arrived.
         while frames.len() < TAKEN_AT_ONCE {
             match rustix::io::read(&self.port, &mut buffer) {
                 Ok(0) => bail!("the adapter has been unplugged"),
                 Ok(read) => {
-                    for byte in &buffer[..read] {
-                        match self.replies.push(*byte) {
-                            Some(Reply::Received(frame)) if self.state == State::Open => {
-                                frames.push(frame)
-                            }
-                            Some(Reply::Done) => self.step(now, true)?,
-                            Some(Reply::Refused) => self.step(now, false)?,
-                            _ => {}
-                        }
-                    }
+                    self.adapter.receive(&buffer[..read], now, frames).map_err(with_option)?;
+                    self.write()?;
                 }
                 Err(Errno::INTR) => {}
                 Err(Errno::AGAIN) => break,
                 Err(error) => return Err(io::Error::from(error)).context("the adapter is lost"),
             }
         }
-        if self.state != State::Open && now >= self.deadline {
-            self.step(now, true)?;
-        }
+        self.adapter.poll(now).map_err(with_option)?;
+        self.write()?;
         Ok(())
     }
+}
 
-    /// Sends the next command that opens the adapter, after an answer or a timeout.
-    fn step(&mut self, now: Duration, done: bool) -> Result<()> {
-        match self.state {
-            State::Closing if now < self.deadline => {
-                // Waits for the other answers, so that none counts as the answer to the next
-                // command.
-                self.deadline = self.deadline.min(now + Duration::from_millis(30));
-            }
-            State::Closing => {
-                let digit = slcan::rate_digit(self.bit_rate).ok_or_else(|| {
-                    anyhow!(
-                        "SLCAN has no {} bit/s: 10, 20, 50, 100, 125, 250, 500, 800 or 1000 \
-                         thousand",
-                        self.bit_rate
-                    )
-                })?;
-                self.send_command(now, State::Rate, format!("S{digit}\r").as_bytes())?;
-            }
-            State::Rate | State::Opening if !done => {
-                bail!(
-                    "the adapter rejects {} bit/s; does the bus have another rate? (--bitrate)",
-                    self.bit_rate
-                )
-            }
-            State::Rate => self.send_command(now, State::Opening, b"O\r")?,
-            State::Opening => self.state = State::Open,
-            State::Open => {}
-        }
-        Ok(())
+/// Names the option with which the user chooses another bit rate.
+fn with_option(refusal: Refusal) -> anyhow::Error {
+    match refusal {
+        Refusal::Rejected(_) => anyhow!("{refusal} (--bitrate)"),
+        Refusal::NoSuchRate(_) => refusal.into(),
     }
 }
 

@@ -521,6 +521,94 @@ impl fmt::Display for Button {
     }
 }
 
+/// VEHICLE_STATE_* of ardupilot.indication.NotifyState, by bit.
+const VEHICLE_STATES: [&str; 24] = [
+    "initialising",
+    "armed",
+    "flying",
+    "prearm",
+    "prearm GPS",
+    "save trim",
+    "ESC calibration",
+    "failsafe radio",
+    "failsafe battery",
+    "failsafe GCS",
+    "chute released",
+    "EKF bad",
+    "firmware update",
+    "magcal run",
+    "leak detected",
+    "GPS fusion",
+    "GPS glitch",
+    "position absolute",
+    "lost",
+    "throw ready",
+    "powering off",
+    "video recording",
+    "is landing",
+    "is taking off",
+];
+
+/// Type of the auxiliary data: VEHICLE_YAW_EARTH_CENTIDEGREES, u16, counter-clockwise from north.
+const YAW: u8 = 0;
+
+/// ardupilot.indication.NotifyState: type of the auxiliary data u8 | its length u8 | the data |
+/// state u64.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct NotifyState {
+    /// What the auxiliary data is: 0 is a heading.
+    pub aux_data_type: u8,
+    /// At most 255 bytes.
+    pub aux_data: Vec<u8>,
+    /// A bit for each state of the vehicle.
+    pub vehicle_state: u64,
+}
+
+impl NotifyState {
+    /// `None` unless the lengths are right.
+    pub fn decode(payload: &[u8]) -> Option<NotifyState> {
+        let (&[aux_data_type, len], rest) = payload.split_first_chunk()?;
+        let (aux_data, state) = rest.split_at_checked(len.into())?;
+        Some(NotifyState {
+            aux_data_type,
+            aux_data: aux_data.to_vec(),
+            vehicle_state: u64::from_le_bytes(state.try_into().ok()?),
+        })
+    }
+
+    /// The payload.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut payload = vec![self.aux_data_type, self.aux_data.len() as u8];
+        payload.extend(&self.aux_data);
+        payload.extend(self.vehicle_state.to_le_bytes());
+        payload
+    }
+}
+
+impl fmt::Display for NotifyState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.aux_data_type, &self.aux_data[..]) {
+            (YAW, &[low, high]) => {
+                // Clockwise, as a compass shows it.
+                let degrees = f64::from(u16::from_le_bytes([low, high])) / 100.0;
+                write!(f, "heading {:.0}", (360.0 - degrees).rem_euclid(360.0))?;
+            }
+            (kind, data) => write!(f, "auxiliary data {kind}: {} bytes", data.len())?,
+        }
+        let mut separator = "; ";
+        for (bit, name) in VEHICLE_STATES.iter().enumerate() {
+            if self.vehicle_state >> bit & 1 != 0 {
+                write!(f, "{separator}{name}")?;
+                separator = ", ";
+            }
+        }
+        match self.vehicle_state >> VEHICLE_STATES.len() << VEHICLE_STATES.len() {
+            0 => Ok(()),
+            unknown => write!(f, "{separator}{unknown:#x}"),
+        }
+    }
+}
+
 /// A payload of one byte; `None` for another length.
 pub(crate) fn decode_byte(payload: &[u8]) -> Option<u8> {
     let &[byte] = payload else { return None };

@@ -17,6 +17,8 @@
 //! Source: Lawicel AB, "CAN232 manual" and "CANUSB manual", section "Available commands", and
 //! recordings of pydronecan and python-can.
 
+pub mod adapter;
+
 use crate::{Frame, Id};
 
 /// Longest command: `T`, identifier, length, eight bytes.
@@ -143,8 +145,10 @@ pub enum Reply {
     /// The adapter rejected a command (BEL).
     Refused,
     Received(Frame),
-    /// An answer to `V` or `F`, or an invalid line.
+    /// An answer to `V`, `N` or `F`.
     Other,
+    /// A line that this protocol does not have.
+    Invalid,
 }
 
 const BEL: u8 = 0x07;
@@ -155,8 +159,10 @@ pub struct Replies {
     line: Vec<u8>,
 }
 
+/// Digits of a time stamp: of milliseconds in the CAN232's protocol, of microseconds in others.
+const STAMPS: [usize; 2] = [4, 8];
 /// Longest reply: a frame with its time stamp.
-const REPLY_MAX: usize = LINE_MAX + 4;
+const REPLY_MAX: usize = LINE_MAX + 8;
 
 impl Replies {
     /// Handles a byte. At the end of a reply returns it.
@@ -191,14 +197,17 @@ fn reply(line: &[u8]) -> Reply {
     let id_digits = match letter {
         b't' | b'r' => 3,
         b'T' | b'R' => 8,
-        _ => return Reply::Other,
+        b'V' | b'v' | b'N' | b'F' => return Reply::Other,
+        _ => return Reply::Invalid,
     };
     let remote = matches!(letter, b'r' | b'R');
     // Adapters add time stamps on request; some always do.
-    let stamped = || rest.split_last_chunk::<4>().filter(|(_, stamp)| hex(&stamp[..]).is_some());
-    let received =
-        frame(rest, id_digits, remote).or_else(|| frame(stamped()?.0, id_digits, remote));
-    received.map_or(Reply::Other, Reply::Received)
+    let stamped = |digits: usize| {
+        let (line, stamp) = rest.split_at_checked(rest.len().checked_sub(digits)?)?;
+        hex(stamp).and_then(|_| frame(line, id_digits, remote))
+    };
+    let received = frame(rest, id_digits, remote).or_else(|| STAMPS.into_iter().find_map(stamped));
+    received.map_or(Reply::Invalid, Reply::Received)
 }
 
 /// The digit of the command `S` for a bit rate, if it has one.
@@ -337,25 +346,28 @@ mod tests {
         let (done, other, received) = (Reply::Done, Reply::Other, Reply::Received(frame));
         assert_eq!(
             replies(&bytes),
-            [done, Reply::Refused, done, done, other, received, received, other]
+            [done, Reply::Refused, done, done, other, received, received, Reply::Invalid]
         );
     }
 
-    /// Four more digits are a time stamp, but only after as much data as the length says.
+    /// Four or eight more digits are a time stamp, but only after as much data as the length says.
     #[test]
     fn a_time_stamp_is_distinguished_from_data() {
         let remote = Frame::remote(Id::Standard(0x123), 4);
         assert_eq!(replies(b"r1234\rr1234ABCD\r"), [Reply::Received(remote); 2]);
         let data = Frame::standard(0x123, &[0xAB]);
         assert_eq!(replies(b"t1231ABCDEF\r"), [Reply::Received(data)]);
-        assert_eq!(replies(b"t1231AB12\rt1231AB123G\r"), [Reply::Other; 2]);
+        assert_eq!(replies(b"t1231AB0123ABCD\r"), [Reply::Received(data)]);
+        assert_eq!(replies(b"r12340123ABCD\r"), [Reply::Received(remote)]);
+        let wrong = b"t1231AB12\rt1231AB123G\rt1231AB123456\rt1231AB1234567G\r";
+        assert_eq!(replies(wrong), [Reply::Invalid; 4]);
     }
 
     #[test]
     fn a_reply_that_is_too_long_is_one_invalid_reply() {
         let mut bytes = vec![b'T'; 100_000];
         bytes.extend(b"\rZ\r");
-        assert_eq!(replies(&bytes), [Reply::Other, Reply::Done]);
+        assert_eq!(replies(&bytes), [Reply::Invalid, Reply::Done]);
     }
 
     #[test]

@@ -119,7 +119,9 @@ macro_rules! table {
                 Button(button: Button)
             };
             /// Heading and state of ArduPilot's vehicle. Its auxiliary data is not at the end.
-            NOTIFY_STATE = message(wire::NOTIFY_STATE, "NotifyState", fixed(80));
+            NOTIFY_STATE = message(wire::NOTIFY_STATE, "NotifyState", fixed(80)) => {
+                NotifyState(state: NotifyState)
+            };
             /// Of Hobbywing (com.hobbywing.esc).
             GET_ESC_ID = message(wire::Message::new(20013, 0x4E2D), "GetEscID", list(0, 8, 3));
         }

@@ -508,6 +508,21 @@ fn lights_and_switches_equal_pydronecan() {
         Message::Button(Button { button: 1, tenths: 10 }),
         "indication.Button 1 pressed for 1.0 s",
     );
+    let state = |yaw: u16, vehicle_state| {
+        let aux_data = yaw.to_le_bytes().to_vec();
+        Message::NotifyState(NotifyState { aux_data_type: 0, aux_data, vehicle_state })
+    };
+    both_ways(
+        "184E270A 46 6F 00 02 A0 8C 1A 81 | 00 00 00 00 00 00 00 61",
+        state(36_000, 1 << 1 | 1 << 3 | 1 << 4),
+        "NotifyState heading 0; armed, prearm, prearm GPS",
+    );
+    both_ways(
+        "184E270A C3 25 00 02 78 69 04 81 | 00 00 00 00 00 00 80 61",
+        state(27_000, 1 << 2 | 1 << 63),
+        "NotifyState heading 90; flying, 0x8000000000000000",
+    );
+    assert_eq!(NotifyState::decode(&[0, 3, 1, 2, 0, 0, 0, 0, 0, 0, 0, 0]), None, "no state");
 }
 
 #[test]

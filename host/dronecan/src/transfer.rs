@@ -226,7 +226,7 @@ mod tests {
     #[test]
     fn incomplete_transfers_use_limited_memory_and_do_not_stop_others() {
         let mut assembler = Assembler::new();
-        begin(&mut assembler, 50_000, Duration::ZERO);
+        begin(&mut assembler, SESSIONS_MAX as u32 + 5_000, Duration::ZERO);
         assert_eq!(assembler.sessions.len(), SESSIONS_MAX);
         // An unknown type, whose CRC cannot be checked.
         assert_eq!(assembler.push(0x1FFF_F002, &FIRST, Duration::ZERO), Outcome::Partial);

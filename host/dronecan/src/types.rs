@@ -1,7 +1,7 @@
 //! Names, CRC seeds and lengths of the data types that a bus may have. The traffic view shows the
 //! names and checks the CRC of long transfers; the bus planner uses the lengths.
 //!
-//! [`table`](crate::table) has a row for each type, and the sources.
+//! `table.rs` has a row for each type, and the sources.
 
 use dronecan_wire::types as wire;
 

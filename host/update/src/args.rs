@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use can_link as bus;
 use clap::Parser;
 use dronecan_host::NodeId;
+use node_update::search::{Nodes, node_id};
 
 const EXAMPLES: &str = "\
 Buses (--bus):
@@ -22,11 +23,11 @@ Examples:
 
 A node refuses while the vehicle is armed, or while its servo follows commands. An update takes 2 \
                         to 10 seconds. If it breaks off, the node
-waits in its bootloader, and the same command updates it then. A loader that has lost its node ID \
-                        waits as node 120.
+waits in its bootloader, and the same command continues it, at once or later. A loader that has \
+                        lost its node ID waits as node 120.
 
 Exit codes:
-  0  all nodes were updated                     3  the bus cannot be opened
+  0  all nodes were updated                     3  the bus cannot be opened, or was lost
   1  something else went wrong                  4  a node was not found, or not updated
   2  the command line or the file is wrong      5  ended by a signal";
 
@@ -61,51 +62,4 @@ pub struct Args {
     /// Print lines even if the output is a terminal
     #[arg(long)]
     pub plain: bool,
-}
-
-/// The nodes to update.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Nodes {
-    /// All nodes with the hardware of the file.
-    All,
-    One(NodeId),
-}
-
-impl Nodes {
-    /// True for the ID of a node to update.
-    pub fn includes(self, id: u8) -> bool {
-        match self {
-            Nodes::All => true,
-            Nodes::One(one) => one.get() == id,
-        }
-    }
-}
-
-impl std::str::FromStr for Nodes {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Nodes, String> {
-        if text == "all" { Ok(Nodes::All) } else { node_id(text).map(Nodes::One) }
-    }
-}
-
-fn node_id(text: &str) -> Result<NodeId, String> {
-    text.parse()
-        .ok()
-        .and_then(NodeId::new)
-        .ok_or_else(|| format!("\"{text}\" is not a node ID, which is 1 to 127"))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nodes_are_a_node_id_or_all() {
-        assert_eq!("all".parse(), Ok(Nodes::All));
-        assert_eq!("120".parse(), Ok(Nodes::One(NodeId::new(120).unwrap())));
-        for wrong in ["", "0", "128", "-1", "120,121"] {
-            assert!(wrong.parse::<Nodes>().is_err(), "{wrong}");
-        }
-    }
 }

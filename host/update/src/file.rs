@@ -1,9 +1,8 @@
 //! A firmware file, as docs/update.md describes it.
 
 use std::fmt;
-use std::path::Path;
 
-use anyhow::{Context as _, Result, bail, ensure};
+use anyhow::{Result, bail, ensure};
 use crc::{CRC_16_IBM_3740, Crc};
 
 /// Address of the header: major and minor hardware version, major and minor version of the program,
@@ -32,26 +31,11 @@ pub struct FirmwareFile {
 }
 
 impl FirmwareFile {
-    /// Reads a file and checks it.
+    /// Checks the bytes of a file.
     ///
     /// # Errors
     /// If it is not a firmware file; the message says what it may be, and what to do.
-    pub fn read(path: &Path) -> Result<FirmwareFile> {
-        let metadata =
-            std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
-        // A limit far above any ELF, so that a wrong file is not read completely.
-        ensure!(
-            metadata.is_file() && metadata.len() < 1 << 26,
-            "{} is not a firmware file",
-            path.display()
-        );
-        let bytes =
-            std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-        FirmwareFile::parse(bytes).with_context(|| path.display().to_string())
-    }
-
-    /// Checks the bytes of a file.
-    fn parse(bytes: Vec<u8>) -> Result<FirmwareFile> {
+    pub fn parse(bytes: Vec<u8>) -> Result<FirmwareFile> {
         if bytes.starts_with(b"\x7FELF") {
             bail!("this is an ELF file: take the .bin that \"make firmware\" writes next to it");
         }
@@ -101,7 +85,7 @@ impl fmt::Display for FirmwareFile {
 }
 
 #[cfg(test)]
-pub mod tests {
+pub(crate) mod tests {
     use super::*;
 
     /// A file of this length for hardware 2.1, version 1.3.

@@ -1,32 +1,29 @@
 //! Sends a firmware to nodes over the DroneCAN bus: `make update`.
 //!
-//! The program reads the file, opens the bus, finds the nodes, and updates them, some at the same
-//! time ([`fleet`]). [`session::Session`] decides what an update does next, and neither waits nor
-//! sends; [`client::Client`] sends and receives for it. docs/update.md describes the files and the
-//! bootloader.
+//! The program reads the file, opens the bus, finds the nodes, and updates them. What to send and
+//! when is the library's; [`client::Client`] sends and receives for it.
 
 #![forbid(unsafe_code)]
 
 mod args;
 mod client;
-mod file;
-mod fleet;
+mod find;
 mod progress;
-mod search;
-mod session;
+mod update;
 
+use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::{Context as _, Error};
+use anyhow::{Context as _, Error, ensure};
 use clap::Parser as _;
 use dronecan_host::text::visible;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
 use args::Args;
 use client::Client;
-use file::FirmwareFile;
+use node_update::file::FirmwareFile;
 
 /// Why the program ends before all nodes are updated.
 enum Failure {
@@ -59,11 +56,25 @@ fn run(args: &Args) -> Result<(), Failure> {
             .context("cannot handle signals")
             .map_err(Failure::Other)?;
     }
-    let file = FirmwareFile::read(&args.file).map_err(Failure::Usage)?;
+    let file = read_file(&args.file).map_err(Failure::Usage)?;
     println!("{}", visible(&format!("{}: {file}", args.file.display())));
     let mut client = Client::open(args, interrupted).map_err(Failure::Bus)?;
-    let result = search::search(&mut client, args, &file)
-        .and_then(|(own_id, nodes)| fleet::update(&mut client, args, &file, own_id, nodes));
+    let result = find::find(&mut client, args, &file)
+        .and_then(|(own_id, nodes)| update::update(&mut client, args, file, own_id, nodes));
     client.close();
     result
+}
+
+/// Reads a file and checks it.
+fn read_file(path: &Path) -> anyhow::Result<FirmwareFile> {
+    let metadata =
+        std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
+    // A limit far above any ELF, so that a wrong file is not read completely.
+    ensure!(
+        metadata.is_file() && metadata.len() < 1 << 26,
+        "{} is not a firmware file",
+        path.display()
+    );
+    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
+    FirmwareFile::parse(bytes).with_context(|| path.display().to_string())
 }

@@ -4,8 +4,7 @@ use std::io::IsTerminal as _;
 
 use dronecan_host::NodeId;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
-
-use crate::session::Session;
+use node_update::session::Session;
 
 /// Number of lines, one for each quarter of the file.
 const LINES: usize = 4;

@@ -1,143 +1,239 @@
-//! Finds the nodes to update.
+//! Finds the nodes to update, without I/O.
 
 use std::collections::BTreeMap;
+use std::str::FromStr;
 use std::time::Duration;
 
-use anyhow::Error;
-use dronecan_host::text::visible;
-use dronecan_host::{CanId, Message, NodeId, NodeInfo};
+use dronecan_host::{CanId, Message, Mode, NodeId, NodeInfo, Transfer};
 
-use crate::Failure;
-use crate::args::{Args, Nodes};
-use crate::client::Client;
 use crate::file::FirmwareFile;
+use crate::heard::Heard;
+use crate::session::{PATH, another_update, server_asked};
 
 /// Each node sends NodeStatus once a second. A bootloader is silent for a moment while it checks
 /// the program.
 const LISTEN: Duration = Duration::from_millis(2500);
 /// A bootloader that has just started on a silent bus listens for three seconds before it sends. It
-/// sends NodeStatus within a second then.
+/// sends NodeStatus within a second then. One that reads a file from a program that was stopped
+/// sends a request each three seconds.
 const LISTEN_IF_SILENT: Duration = Duration::from_secs(5);
-/// Timeout of GetNodeInfo, and number of attempts.
-const ANSWER_TIMEOUT: Duration = Duration::from_millis(500);
-const ATTEMPTS: u32 = 5;
 /// The names of this project's nodes begin with this. A bootloader has no name.
 const NAME: &str = "org.dronecan.servo";
 
+/// The nodes to update.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Nodes {
+    /// All nodes with the hardware of the file.
+    All,
+    One(NodeId),
+}
+
+impl Nodes {
+    /// True for the ID of a node to update.
+    pub fn includes(self, id: u8) -> bool {
+        match self {
+            Nodes::All => true,
+            Nodes::One(one) => one.get() == id,
+        }
+    }
+}
+
+impl FromStr for Nodes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Nodes, String> {
+        if text == "all" { Ok(Nodes::All) } else { node_id(text).map(Nodes::One) }
+    }
+}
+
+/// Reads a node ID.
+///
+/// # Errors
+/// If the text is not one.
+pub fn node_id(text: &str) -> Result<NodeId, String> {
+    text.parse()
+        .ok()
+        .and_then(NodeId::new)
+        .ok_or_else(|| format!("\"{text}\" is not a node ID, which is 1 to 127"))
+}
+
 /// A node to update.
+#[derive(Clone, Debug)]
 pub struct Candidate {
     pub id: NodeId,
     pub info: NodeInfo,
 }
 
-/// Listens for nodes, takes an ID of its own, and requests the nodes' information. Returns the ID,
-/// and the nodes to update, lowest ID first.
-pub fn search(
-    client: &mut Client,
-    args: &Args,
-    file: &FirmwareFile,
-) -> Result<(NodeId, Vec<Candidate>), Failure> {
-    println!("listening for nodes");
-    let mut nodes: BTreeMap<u8, Option<NodeInfo>> = BTreeMap::new();
-    let begin = client.now();
-    let mut listen = LISTEN_IF_SILENT;
-    while client.now() < begin + listen {
-        receive(client, &mut nodes, args)?;
-        if nodes.keys().any(|id| args.node.includes(*id)) {
-            listen = LISTEN;
-        }
-    }
-    let own_id = client.take_id(args.own_id).map_err(Failure::Usage)?;
-    for _ in 0..ATTEMPTS {
-        let asked: Vec<u8> = nodes
-            .iter()
-            .filter(|(id, info)| info.is_none() && args.node.includes(**id))
-            .map(|(id, _)| *id)
-            .collect();
-        if asked.is_empty() {
-            break;
-        }
-        for id in asked.into_iter().filter_map(NodeId::new) {
-            client.request(&Message::NodeInfoRequest, id);
-        }
-        let answers_until = client.now() + ANSWER_TIMEOUT;
-        while client.now() < answers_until
-            && nodes.iter().any(|(id, info)| info.is_none() && args.node.includes(*id))
-        {
-            receive(client, &mut nodes, args)?;
-        }
-    }
-    let nodes = choose(nodes, args.node, file).map_err(|text| Failure::Nodes(Error::msg(text)))?;
-    Ok((own_id, nodes))
+/// A node on the bus.
+#[derive(Clone, Default)]
+struct Seen {
+    info: Option<NodeInfo>,
+    /// True if its last NodeStatus has the mode SOFTWARE_UPDATE.
+    is_in_update: bool,
+    /// The node that it asks for a file.
+    server: Option<NodeId>,
+    /// True if it asks for the path of this program's files.
+    asks_for_our_path: bool,
 }
 
-/// Handles received transfers for a moment.
-fn receive(
-    client: &mut Client,
-    nodes: &mut BTreeMap<u8, Option<NodeInfo>>,
-    args: &Args,
-) -> Result<(), Failure> {
-    if client.is_interrupted() {
-        return Err(Failure::Interrupted);
+/// The nodes that a file is for.
+pub struct Chosen {
+    /// Lowest ID first; why there is none.
+    pub nodes: Result<Vec<Candidate>, String>,
+    /// Why other nodes are not updated.
+    pub others: Vec<String>,
+}
+
+/// What is known of the nodes on the bus.
+pub struct Search {
+    meant: Nodes,
+    begin: Duration,
+    nodes: BTreeMap<u8, Seen>,
+}
+
+impl Search {
+    /// A search for `meant` that listens from `begin` on.
+    pub fn new(meant: Nodes, begin: Duration) -> Search {
+        Search { meant, begin, nodes: BTreeMap::new() }
     }
-    for transfer in client.receive().map_err(Failure::Bus)? {
-        let Some(source) = transfer.id.source() else { continue };
-        match (transfer.id, Message::decode(&transfer)) {
-            (_, Message::NodeInfo(info)) if args.node.includes(source.get()) => {
-                nodes.insert(source.get(), Some(*info));
+
+    /// True until each node must have been heard. Nothing should be sent before.
+    pub fn is_listening(&self, now: Duration) -> bool {
+        let mut found = self.meant_nodes().peekable();
+        let is_found = found.peek().is_some();
+        let is_server_unknown = found.any(|(_, node)| node.is_in_update && node.server.is_none());
+        let listen = if is_found && !is_server_unknown { LISTEN } else { LISTEN_IF_SILENT };
+        now < self.begin + listen
+    }
+
+    /// The node ID of a program like this one that was stopped: its nodes ask for more of the file.
+    pub fn left_server(&self, heard: &Heard, now: Duration) -> Option<NodeId> {
+        self.meant_nodes()
+            .filter(|(_, node)| node.asks_for_our_path)
+            .filter_map(|(_, node)| node.server)
+            .find(|server| !heard.is_on_bus(*server, now))
+    }
+
+    /// The nodes whose information is not known.
+    pub fn unknown(&self) -> Vec<NodeId> {
+        self.meant_nodes()
+            .filter(|(_, node)| node.info.is_none())
+            .filter_map(|(id, _)| NodeId::new(*id))
+            .collect()
+    }
+
+    fn meant_nodes(&self) -> impl Iterator<Item = (&u8, &Seen)> {
+        self.nodes.iter().filter(|(id, _)| self.meant.includes(**id))
+    }
+
+    /// Handles a transfer.
+    pub fn take(&mut self, transfer: &Transfer) {
+        let Some(source) = transfer.id.source() else { return };
+        if let Some(server) = server_asked(transfer) {
+            let node = self.nodes.entry(source.get()).or_default();
+            node.server = Some(server);
+            node.asks_for_our_path = transfer.payload.get(5..) == Some(PATH);
+            return;
+        }
+        match (transfer.id, Message::decode(transfer)) {
+            (_, Message::NodeInfo(info)) if self.meant.includes(source.get()) => {
+                self.nodes.entry(source.get()).or_default().info = Some(*info);
             }
-            (CanId::Message { .. }, Message::NodeStatus(_)) => {
-                nodes.entry(source.get()).or_default();
+            (CanId::Message { .. }, Message::NodeStatus(status)) => {
+                let node = self.nodes.entry(source.get()).or_default();
+                node.is_in_update = status.mode == Mode::SoftwareUpdate;
+                if !node.is_in_update {
+                    node.server = None;
+                }
             }
             _ => {}
         }
     }
-    Ok(())
-}
 
-/// Returns the nodes that the file is for.
-fn choose(
-    nodes: BTreeMap<u8, Option<NodeInfo>>,
-    meant: Nodes,
-    file: &FirmwareFile,
-) -> Result<Vec<Candidate>, String> {
-    let seen: Vec<_> = nodes.keys().map(u8::to_string).collect();
-    let seen =
-        if seen.is_empty() { "none: is the bit rate right?".to_owned() } else { seen.join(", ") };
-    if let Nodes::One(id) = meant {
-        let info = match nodes.get(&id.get()) {
-            None => return Err(format!("node {id} is not on the bus. Nodes that are: {seen}")),
-            Some(None) => return Err(format!("node {id} does not answer GetNodeInfo")),
-            Some(Some(info)) => info.clone(),
-        };
-        return match why_unsuitable(&info, file) {
-            Some(why) => Err(format!("node {id} {why}")),
-            None => Ok(vec![Candidate { id, info }]),
-        };
-    }
-    let mut candidates = Vec::new();
-    for (id, info) in nodes {
-        let (Some(id), Some(info)) = (NodeId::new(id), info) else {
-            println!("node {id}: not updated: it does not answer GetNodeInfo");
-            continue;
-        };
-        match why_unsuitable(&info, file) {
-            Some(why) => println!("node {id}: not updated: it {}", visible(&why)),
-            None => candidates.push(Candidate { id, info }),
+    /// Returns the nodes of `meant` that the file is for.
+    pub fn choose(
+        &self,
+        meant: Nodes,
+        file: &FirmwareFile,
+        heard: &Heard,
+        now: Duration,
+    ) -> Chosen {
+        let mut nodes = self.nodes.clone();
+        for node in nodes.values_mut() {
+            node.server = node.server.filter(|server| heard.is_on_bus(*server, now));
+        }
+        match meant {
+            Nodes::One(id) => {
+                Chosen { nodes: choose_one(&nodes, id, file).map(|one| vec![one]), others: vec![] }
+            }
+            Nodes::All => choose_all(nodes, file),
         }
     }
-    if candidates.is_empty() {
+}
+
+/// The IDs of the nodes in words.
+fn list(nodes: &BTreeMap<u8, Seen>) -> String {
+    let ids: Vec<_> = nodes.keys().map(u8::to_string).collect();
+    if ids.is_empty() { "none: is the bit rate right?".to_owned() } else { ids.join(", ") }
+}
+
+fn choose_one(
+    nodes: &BTreeMap<u8, Seen>,
+    id: NodeId,
+    file: &FirmwareFile,
+) -> Result<Candidate, String> {
+    let info = match nodes.get(&id.get()) {
+        None => {
+            return Err(format!("node {id} is not on the bus. Nodes that are: {}", list(nodes)));
+        }
+        Some(Seen { server: Some(server), .. }) => {
+            return Err(format!("node {id}: {}", another_update(*server)));
+        }
+        Some(Seen { info: None, .. }) => {
+            return Err(format!("node {id} does not answer GetNodeInfo"));
+        }
+        Some(Seen { info: Some(info), .. }) => info.clone(),
+    };
+    match why_unsuitable(&info, file) {
+        Some(why) => Err(format!("node {id} {why}")),
+        None => Ok(Candidate { id, info }),
+    }
+}
+
+fn choose_all(nodes: BTreeMap<u8, Seen>, file: &FirmwareFile) -> Chosen {
+    let seen = list(&nodes);
+    let (mut candidates, mut others) = (Vec::new(), Vec::new());
+    for (id, Seen { info, server, .. }) in nodes {
+        let why = match (server, NodeId::new(id).zip(info)) {
+            (Some(server), _) => another_update(server),
+            (None, None) => "it does not answer GetNodeInfo".to_owned(),
+            (None, Some((id, info))) => match why_unsuitable(&info, file) {
+                Some(why) => format!("it {why}"),
+                None => {
+                    candidates.push(Candidate { id, info });
+                    continue;
+                }
+            },
+        };
+        others.push(format!("node {id}: not updated: {why}"));
+    }
+    let nodes = if candidates.is_empty() {
         Err(format!("the file is for no node on the bus. Nodes: {seen}"))
     } else {
         Ok(candidates)
-    }
+    };
+    Chosen { nodes, others }
+}
+
+/// True for the information of a program of this project.
+pub fn is_of_this_project(info: &NodeInfo) -> bool {
+    info.name.starts_with(NAME.as_bytes())
 }
 
 /// Why the file is not for this node; `None` if it is.
-fn why_unsuitable(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
-    let name = info.name();
-    if !name.is_empty() && !name.starts_with(NAME) {
-        return Some(format!("is another device: {name}"));
+pub fn why_unsuitable(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
+    if !info.name.is_empty() && !is_of_this_project(info) {
+        return Some(format!("is another device: {}", info.name()));
     }
     let ((major, minor), (file_major, file_minor)) = (info.hardware, file.hardware);
     (info.hardware != file.hardware).then(|| {
@@ -153,18 +249,19 @@ mod tests {
     use super::*;
     use crate::file::tests::file_of;
 
-    fn node(name: &str, hardware: (u8, u8)) -> Option<NodeInfo> {
-        Some(NodeInfo { name: name.into(), hardware, ..NodeInfo::default() })
+    fn node(name: &str, hardware: (u8, u8)) -> Seen {
+        let info = NodeInfo { name: name.into(), hardware, ..NodeInfo::default() };
+        Seen { info: Some(info), ..Seen::default() }
     }
 
-    fn one(id: u8) -> Nodes {
-        NodeId::new(id).map(Nodes::One).unwrap()
+    fn id(id: u8) -> NodeId {
+        NodeId::new(id).unwrap()
     }
 
-    fn fleet() -> BTreeMap<u8, Option<NodeInfo>> {
+    fn fleet() -> BTreeMap<u8, Seen> {
         BTreeMap::from([
             (1, node("org.ardupilot", (2, 1))),
-            (2, None),
+            (2, Seen::default()),
             (42, node("org.dronecan.servo328", (2, 1))),
             (43, node("org.dronecan.servo168", (1, 0))),
             // A node in its bootloader.
@@ -172,20 +269,43 @@ mod tests {
         ])
     }
 
+    fn ids(candidates: Vec<Candidate>) -> Vec<u8> {
+        candidates.iter().map(|node| node.id.get()).collect()
+    }
+
     #[test]
     fn all_selects_each_node_of_this_project_with_the_hardware_of_the_file() {
-        let chosen = choose(fleet(), Nodes::All, &file_of(1000)).unwrap();
-        assert_eq!(chosen.iter().map(|node| node.id.get()).collect::<Vec<_>>(), [42, 120]);
-        assert!(choose(BTreeMap::new(), Nodes::All, &file_of(1000)).is_err());
+        let chosen = choose_all(fleet(), &file_of(1000));
+        assert_eq!(ids(chosen.nodes.unwrap()), [42, 120]);
+        assert_eq!(chosen.others.len(), 3);
+        assert!(choose_all(BTreeMap::new(), &file_of(1000)).nodes.is_err());
+    }
+
+    #[test]
+    fn a_node_that_reads_a_file_from_another_node_is_not_chosen() {
+        let mut nodes = fleet();
+        nodes.get_mut(&42).unwrap().server = NodeId::new(126);
+        let error = choose_one(&nodes, id(42), &file_of(1000)).unwrap_err();
+        assert_eq!(error, "node 42: another update is under way: node 126 sends a file");
+        assert_eq!(ids(choose_all(nodes, &file_of(1000)).nodes.unwrap()), [120]);
     }
 
     #[test]
     fn an_unsuitable_node_is_rejected_with_the_reason() {
-        let refused = |id: u8| choose(fleet(), one(id), &file_of(1000)).err().unwrap();
+        let refused = |node| choose_one(&fleet(), id(node), &file_of(1000)).unwrap_err();
         assert!(refused(1).contains("another device: org.ardupilot"));
         assert!(refused(2).contains("does not answer"));
         assert!(refused(43).contains("has hardware 1.0, and the file is for 2.1"));
         assert!(refused(44).contains("not on the bus. Nodes that are: 1, 2, 42, 43, 120"));
-        assert_eq!(choose(fleet(), one(120), &file_of(1000)).unwrap().len(), 1);
+        assert!(choose_one(&fleet(), id(120), &file_of(1000)).is_ok());
+    }
+
+    #[test]
+    fn nodes_are_a_node_id_or_all() {
+        assert_eq!("all".parse(), Ok(Nodes::All));
+        assert_eq!("120".parse(), Ok(Nodes::One(id(120))));
+        for wrong in ["", "0", "128", "-1", "120,121"] {
+            assert!(wrong.parse::<Nodes>().is_err(), "{wrong}");
+        }
     }
 }

@@ -75,6 +75,7 @@ impl Channel {
     ) {
         let stations = self.peers.values().filter(|peer| peer.is_trusted).count();
         let Some(peer) = self.peers.get_mut(&id) else { return };
+        let mut rejected = Vec::new();
         for message in messages {
             match message {
                 // Shows neither that the station is there nor which version it speaks.
@@ -112,8 +113,16 @@ impl Channel {
                     );
                 }
                 Err(Refused::Malformed) => self.malformed += 1,
-                Err(Refused::Signature) => self.unsigned += 1,
+                Err(Refused::Signature(why)) => rejected.push(why),
             }
+        }
+        if !rejected.is_empty()
+            && let Some(mut peer) = self.peers.remove(&id)
+        {
+            for why in rejected {
+                self.reject(now, bridge, &mut peer, why);
+            }
+            self.peers.insert(id, peer);
         }
     }
 }

@@ -17,7 +17,9 @@ impl Channel {
         let dropped = self.dropped;
         let troubles = [
             (self.malformed, "malformed"),
-            (self.unsigned, "not signed"),
+            (self.rejected.unsigned, "not signed"),
+            (self.rejected.other_key, "signed with another key"),
+            (self.rejected.old, "signed too late or repeated"),
             (self.refused, "refused"),
             (dropped, "dropped before"),
         ];

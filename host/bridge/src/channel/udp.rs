@@ -86,10 +86,14 @@ impl Channel {
             !matches!(message, Err(_) | Ok((_, In { request: Request::Radio { .. }, .. })))
         };
         if !messages.iter().any(is_of_station) {
-            let is_unsigned =
-                messages.iter().any(|message| matches!(message, Err(Refused::Signature)));
-            let counter = if is_unsigned { &mut self.unsigned } else { &mut self.malformed };
-            *counter += 1;
+            let why = messages.iter().find_map(|message| match message {
+                Err(Refused::Signature(why)) => Some(*why),
+                _ => None,
+            });
+            match why {
+                Some(why) => self.reject(now, bridge, &mut peer, why),
+                None => self.malformed += 1,
+            }
             return;
         }
         if self.peers.len() >= PEERS_MAX {

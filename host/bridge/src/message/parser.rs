@@ -1,7 +1,7 @@
 //! Finds and decodes the messages in a stream of bytes.
 
 use super::{Command, In, Request, gaps, name};
-use crate::signing::Signer;
+use crate::signing::{Rejection, Signer};
 use mavlink::dialects::common::{
     CAN_FILTER_MODIFY_DATA, CAN_FRAME_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA,
     FILE_TRANSFER_PROTOCOL_DATA, HEARTBEAT_DATA, MavMessage, PARAM_REQUEST_LIST_DATA,
@@ -111,8 +111,8 @@ pub type Received = Result<(MavlinkVersion, In), Refused>;
 pub enum Refused {
     /// A field has an invalid value.
     Malformed,
-    /// The signature is missing or wrong.
-    Signature,
+    /// The signature is missing, wrong or old.
+    Signature(Rejection),
 }
 
 /// Finds the messages in a stream of bytes.
@@ -140,15 +140,15 @@ impl Parser {
             Err(MessageReadError::Io(_)) => return None,
             Err(MessageReadError::Parse(_)) => return Some(Err(Refused::Malformed)),
         };
-        let trusted = match (&self.signer, &raw) {
-            (None, _) => true,
+        let checked = match (&self.signer, &raw) {
+            (None, _) => Ok(()),
             // A radio has no key.
-            (Some(_), raw) if raw.message_id() == RADIO_STATUS_DATA::ID => true,
-            (Some(_), MAVLinkMessageRaw::V1(_)) => false,
-            (Some(signer), MAVLinkMessageRaw::V2(raw)) => signer.accepts(raw),
+            (Some(_), raw) if raw.message_id() == RADIO_STATUS_DATA::ID => Ok(()),
+            (Some(_), MAVLinkMessageRaw::V1(_)) => Err(Rejection::Unsigned),
+            (Some(signer), MAVLinkMessageRaw::V2(raw)) => signer.check(raw),
         };
-        if !trusted {
-            return Some(Err(Refused::Signature));
+        if let Err(why) = checked {
+            return Some(Err(Refused::Signature(why)));
         }
         Some(
             In::parse(&raw).map(|message| (raw.version(), message)).map_err(|_| Refused::Malformed),

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::number::IntegerEncoding;
-use crate::signing::{Signer, Signing};
+use crate::signing::{Rejection, Signer, Signing};
 use mavlink::dialects::common::{
     COMMAND_LONG_DATA, MavCmd, PARAM_REQUEST_LIST_DATA, RADIO_STATUS_DATA,
 };
@@ -181,15 +181,19 @@ fn with_a_key_only_signed_messages_are_accepted_and_each_once() {
         parser.message().unwrap().map(|(_, message)| message.request)
     };
     assert_eq!(take(&bytes), Ok(Request::ParameterList));
-    assert_eq!(take(&bytes), Err(Refused::Signature), "a message must not be accepted twice");
+    assert_eq!(
+        take(&bytes),
+        Err(Refused::Signature(Rejection::Old)),
+        "a message must not be accepted twice"
+    );
     let wrong = Writer::new(255, Versions::Auto, key(2))
         .bytes(&request, None, IntegerEncoding::Bytewise)
         .unwrap();
-    assert_eq!(take(&wrong), Err(Refused::Signature));
+    assert_eq!(take(&wrong), Err(Refused::Signature(Rejection::OtherKey)));
     let unsigned = writer(Versions::Two).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
-    assert_eq!(take(&unsigned), Err(Refused::Signature));
+    assert_eq!(take(&unsigned), Err(Refused::Signature(Rejection::Unsigned)));
     let old = writer(Versions::One).bytes(&request, None, IntegerEncoding::Bytewise).unwrap();
-    assert_eq!(take(&old), Err(Refused::Signature));
+    assert_eq!(take(&old), Err(Refused::Signature(Rejection::Unsigned)));
     // A radio puts its status between the messages, and has no key.
     let status = RADIO_STATUS_DATA { txbuf: 42, ..RADIO_STATUS_DATA::default() };
     let radio = sent(&MavMessage::RADIO_STATUS(status));

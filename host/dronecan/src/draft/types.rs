@@ -1,6 +1,6 @@
 //! Names and CRC seeds of the draft's data types.
 //!
-//! [`table`](super::table) has a row for each type, and the sources.
+//! `draft/table.rs` has a row for each type, and the sources.
 
 use dronecan_wire::crc;
 

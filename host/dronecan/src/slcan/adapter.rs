@@ -1,0 +1,326 @@
+//! The client's side of an SLCAN adapter, without I/O: bytes from its port in, frames out; frames
+//! in, bytes for its port out. Its user owns the port and the clock.
+//!
+//! The channel is closed, gets its bit rate, and is opened. Each command waits for its answer, or
+//! for half a second: some adapters never answer, and work nevertheless.
+//!
+//! Some adapters return each frame that they have sent. Such an echo is not a frame of another
+//! node: it is counted and dropped.
+
+use std::collections::VecDeque;
+use std::fmt;
+use std::time::Duration;
+
+use super::{Replies, Reply, line, rate_digit};
+use crate::Frame;
+
+/// Timeout for each answer of an adapter.
+const TIMEOUT: Duration = Duration::from_millis(500);
+/// Answers to the commands that close the channel arrive within this time of each other.
+const NEXT_ANSWER: Duration = Duration::from_millis(30);
+/// A received frame that is the same as one sent in this time is its echo.
+const ECHO_WITHIN: Duration = Duration::from_secs(2);
+/// Maximum number of sent frames that are compared with the received ones.
+const SENT_MAX: usize = 1000;
+/// While this many bytes wait for the port, no frame is accepted.
+const OUT_MAX: usize = 1024;
+
+/// Ends an incomplete line, and a session.
+const CLOSE: &[u8] = b"\rC\r";
+
+/// Why an adapter cannot be opened.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Refusal {
+    /// SLCAN has no command for this bit rate.
+    NoSuchRate(u32),
+    /// The adapter rejected this bit rate, or to be opened with it.
+    Rejected(u32),
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Refusal::NoSuchRate(rate) => write!(
+                f,
+                "SLCAN has no {rate} bit/s: 10, 20, 50, 100, 125, 250, 500, 800 or 1000 thousand"
+            ),
+            Refusal::Rejected(rate) => {
+                write!(f, "the adapter rejects {rate} bit/s; does the bus have another rate?")
+            }
+        }
+    }
+}
+
+impl std::error::Error for Refusal {}
+
+/// What an adapter does on the bus.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Channel {
+    /// It sends, and acknowledges the frames of others.
+    Normal,
+    /// It drives no bit. A node that is alone with it repeats its first frame, because nobody
+    /// acknowledges it.
+    ListenOnly,
+}
+
+/// The last command sent to an adapter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum State {
+    Closing,
+    Rate,
+    Opening,
+    Open,
+}
+
+/// An SLCAN adapter that is being opened, or is open.
+pub struct Adapter {
+    bit_rate: u32,
+    channel: Channel,
+    state: State,
+    deadline: Duration,
+    replies: Replies,
+    /// Bytes that the port has not accepted yet.
+    out: Vec<u8>,
+    /// The frames that the adapter may return, with the time when they were sent.
+    sent: VecDeque<(Duration, Frame)>,
+    /// Number of frames that came back from the adapter.
+    pub echoed: u64,
+    /// Number of lines that are not SLCAN.
+    pub invalid: u64,
+}
+
+impl Adapter {
+    /// Begins to open an adapter.
+    pub fn new(bit_rate: u32, channel: Channel, now: Duration) -> Adapter {
+        Adapter {
+            bit_rate,
+            channel,
+            state: State::Closing,
+            deadline: now + TIMEOUT,
+            replies: Replies::default(),
+            out: CLOSE.to_vec(),
+            sent: VecDeque::new(),
+            echoed: 0,
+            invalid: 0,
+        }
+    }
+
+    /// True if the channel is open.
+    pub fn is_open(&self) -> bool {
+        self.state == State::Open
+    }
+
+    /// What the adapter does on the bus once its channel is open.
+    pub fn channel(&self) -> Channel {
+        self.channel
+    }
+
+    /// When to call [`Adapter::poll`]; `None` if the channel is open.
+    pub fn deadline(&self) -> Option<Duration> {
+        (!self.is_open()).then_some(self.deadline)
+    }
+
+    /// Handles bytes from the port. Adds the frames of other nodes to `frames`.
+    ///
+    /// # Errors
+    /// If the adapter cannot be opened.
+    pub fn receive(
+        &mut self,
+        bytes: &[u8],
+        now: Duration,
+        frames: &mut Vec<Frame>,
+    ) -> Result<(), Refusal> {
+        for byte in bytes {
+            match self.replies.push(*byte) {
+                Some(Reply::Received(frame)) if self.is_open() => {
+                    if self.is_echo(&frame, now) {
+                        self.echoed += 1;
+                    } else {
+                        frames.push(frame);
+                    }
+                }
+                Some(Reply::Invalid) if self.is_open() => self.invalid += 1,
+                Some(Reply::Done) => self.step(now, true)?,
+                Some(Reply::Refused) => self.step(now, false)?,
+                _ => {}
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes on if an answer has not arrived in time.
+    ///
+    /// # Errors
+    /// If the adapter cannot be opened.
+    pub fn poll(&mut self, now: Duration) -> Result<(), Refusal> {
+        match self.deadline() {
+            Some(deadline) if now >= deadline => self.step(now, true),
+            _ => Ok(()),
+        }
+    }
+
+    /// Queues the bytes of a frame. Returns false if there is no room now, or if the channel only
+    /// listens.
+    pub fn send(&mut self, frame: &Frame, now: Duration) -> bool {
+        let can_send = self.is_open() && self.channel == Channel::Normal;
+        if !can_send || self.out.len() > OUT_MAX {
+            return false;
+        }
+        self.out.extend(line(frame, None));
+        self.sent.push_back((now, *frame));
+        self.sent.drain(..self.sent.len().saturating_sub(SENT_MAX));
+        true
+    }
+
+    /// The bytes that wait for the port.
+    pub fn output(&self) -> &[u8] {
+        &self.out
+    }
+
+    /// Removes the first `count` bytes of [`Adapter::output`], which the port has accepted.
+    pub fn written(&mut self, count: usize) {
+        self.out.drain(..count);
+    }
+
+    /// True if the frame is one that was sent. The next one that is the same is another echo.
+    fn is_echo(&mut self, frame: &Frame, now: Duration) -> bool {
+        while self.sent.front().is_some_and(|(at, _)| now > *at + ECHO_WITHIN) {
+            self.sent.pop_front();
+        }
+        let at = self.sent.iter().position(|(_, sent)| sent == frame);
+        at.and_then(|at| self.sent.remove(at)).is_some()
+    }
+
+    /// Sends the next command that opens the adapter, after an answer or a timeout.
+    fn step(&mut self, now: Duration, done: bool) -> Result<(), Refusal> {
+        match self.state {
+            // Some adapters answer the empty line before the command, some do not: waits for the
+            // other answers, so that none counts as the answer to the next command.
+            State::Closing if now < self.deadline => {
+                self.deadline = self.deadline.min(now + NEXT_ANSWER);
+            }
+            State::Closing => {
+                let digit = rate_digit(self.bit_rate).ok_or(Refusal::NoSuchRate(self.bit_rate))?;
+                self.command(State::Rate, &format!("S{digit}\r"), now);
+            }
+            State::Rate | State::Opening if !done => {
+                return Err(Refusal::Rejected(self.bit_rate));
+            }
+            State::Rate => {
+                let command = match self.channel {
+                    Channel::Normal => "O\r",
+                    Channel::ListenOnly => "L\r",
+                };
+                self.command(State::Opening, command, now);
+            }
+            State::Opening => self.state = State::Open,
+            State::Open => {}
+        }
+        Ok(())
+    }
+
+    fn command(&mut self, state: State, command: &str, now: Duration) {
+        self.state = state;
+        self.deadline = now + TIMEOUT;
+        self.out.extend(command.bytes());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ms(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    fn written(adapter: &mut Adapter) -> String {
+        let bytes = adapter.output().to_vec();
+        adapter.written(bytes.len());
+        String::from_utf8(bytes).unwrap()
+    }
+
+    fn open() -> Adapter {
+        let mut adapter = Adapter::new(1_000_000, Channel::Normal, ms(0));
+        for at in [500, 1000, 1500] {
+            adapter.poll(ms(at)).unwrap();
+        }
+        assert!(adapter.is_open());
+        written(&mut adapter);
+        adapter
+    }
+
+    #[test]
+    fn an_adapter_that_answers_is_opened_at_its_rate() {
+        let mut adapter = Adapter::new(500_000, Channel::Normal, ms(0));
+        let mut frames = Vec::new();
+        assert_eq!(written(&mut adapter), "\rC\r");
+        adapter.receive(b"\r\x07", ms(1), &mut frames).unwrap();
+        adapter.poll(ms(30)).unwrap();
+        assert_eq!(written(&mut adapter), "");
+        adapter.poll(ms(31)).unwrap();
+        assert_eq!(written(&mut adapter), "S6\r");
+        adapter.receive(b"\r", ms(32), &mut frames).unwrap();
+        assert_eq!(written(&mut adapter), "O\r");
+        // What comes before the channel is open is from the session before.
+        adapter.receive(b"t1230\r\r", ms(33), &mut frames).unwrap();
+        assert_eq!((adapter.is_open(), adapter.deadline(), frames.len()), (true, None, 0));
+        adapter.receive(b"t1230\rt12\r", ms(34), &mut frames).unwrap();
+        assert_eq!((frames, adapter.invalid), (vec![Frame::standard(0x123, &[])], 1));
+    }
+
+    #[test]
+    fn an_adapter_that_never_answers_is_opened_after_its_timeouts() {
+        let mut adapter = Adapter::new(1_000_000, Channel::Normal, ms(0));
+        assert_eq!(adapter.deadline(), Some(ms(500)));
+        for (at, commands) in [(499, "\rC\r"), (500, "S8\r"), (1000, "O\r"), (1500, "")] {
+            adapter.poll(ms(at)).unwrap();
+            assert_eq!(written(&mut adapter), commands, "{at}");
+        }
+        assert!(adapter.is_open());
+    }
+
+    #[test]
+    fn an_adapter_that_only_listens_sends_no_frame() {
+        let mut adapter = Adapter::new(1_000_000, Channel::ListenOnly, ms(0));
+        for (at, commands) in [(500, "\rC\rS8\r"), (1000, "L\r"), (1500, "")] {
+            adapter.poll(ms(at)).unwrap();
+            assert_eq!(written(&mut adapter), commands, "{at}");
+        }
+        assert!(adapter.is_open() && !adapter.send(&Frame::standard(1, &[]), ms(1500)));
+        assert_eq!(written(&mut adapter), "");
+    }
+
+    #[test]
+    fn a_rate_that_the_adapter_rejects_is_an_error() {
+        let mut adapter = Adapter::new(125_000, Channel::Normal, ms(0));
+        adapter.poll(ms(500)).unwrap();
+        let refusal = adapter.receive(b"\x07", ms(501), &mut Vec::new()).unwrap_err();
+        assert_eq!(refusal, Refusal::Rejected(125_000));
+        let mut adapter = Adapter::new(123, Channel::Normal, ms(0));
+        assert_eq!(adapter.poll(ms(500)), Err(Refusal::NoSuchRate(123)));
+    }
+
+    #[test]
+    fn a_frame_that_comes_back_within_two_seconds_is_an_echo_once() {
+        let frame = Frame::extended(0x1404_562A, &[1, 2]);
+        let mut adapter = open();
+        assert!(adapter.send(&frame, ms(2000)));
+        let mut frames = Vec::new();
+        let bytes = line(&frame, Some(7));
+        adapter.receive(&bytes, ms(2010), &mut frames).unwrap();
+        assert_eq!((frames.len(), adapter.echoed), (0, 1));
+        adapter.receive(&bytes, ms(2020), &mut frames).unwrap();
+        assert!(adapter.send(&frame, ms(3000)));
+        adapter.receive(&bytes, ms(5001), &mut frames).unwrap();
+        assert_eq!((frames, adapter.echoed), (vec![frame, frame], 1));
+    }
+
+    #[test]
+    fn a_port_that_accepts_nothing_gets_no_more_than_a_kilobyte_of_frames() {
+        let mut adapter = open();
+        let frame = Frame::extended(1, &[0; 8]);
+        let accepted = (0..1000).filter(|_| adapter.send(&frame, ms(2000))).count();
+        assert_eq!((accepted, adapter.output().len()), (38, 38 * 27));
+    }
+}
