@@ -3,6 +3,7 @@
 pub mod fault;
 pub mod links;
 pub mod node_ids;
+pub mod pins;
 pub mod time;
 pub mod ui;
 pub mod usage;

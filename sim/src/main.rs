@@ -9,12 +9,14 @@ use clap::Parser;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::iterator::Signals;
 use sim::ui::args::{Args, Command};
+use sim::ui::help::HELP;
 use sim::ui::plain::summary;
 use sim::ui::report::Report;
 use sim::ui::run;
 use sim::ui::scene::Scene;
 use sim::ui::terminal;
 use sim::usage::{OrUsage, is_usage};
+use std::env;
 use std::fs::{self, OpenOptions};
 use std::io::{self, IsTerminal, Write};
 use std::process::{self, ExitCode};
@@ -31,6 +33,20 @@ const MACHINE_FAILED: u8 = 3;
 const REPEATED_WITHIN: Duration = Duration::from_secs(1);
 
 fn main() -> ExitCode {
+    let arguments: Vec<String> =
+        env::args_os().skip(1).map(|word| word.to_string_lossy().into_owned()).collect();
+    match HELP.asked(&arguments) {
+        None => {}
+        Some(Ok(text)) => {
+            // The reader may have closed the pipe, as `| head` does.
+            let _ = io::stdout().write_all(text.as_bytes());
+            return ExitCode::SUCCESS;
+        }
+        Some(Err(error)) => {
+            eprintln!("sim: {}", visible(&error));
+            return ExitCode::from(WRONG_USAGE);
+        }
+    }
     match run(&Args::parse()) {
         Ok(code) => code,
         // The reader has closed the pipe, as `| head` does.
@@ -67,7 +83,7 @@ fn run(args: &Args) -> Result<ExitCode> {
         io::stdout().write_all(summary(scene.state(), speed).as_bytes())?;
     }
     if let Some(path) = &args.json {
-        let json = Report::new(scene.state(), args.judgement()).to_json();
+        let json = Report::new(scene.state(), &args.judgement()).to_json();
         fs::write(path, json)
             .with_context(|| format!("--json: cannot write {}", path.display()))?;
     }

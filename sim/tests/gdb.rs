@@ -1,15 +1,12 @@
 //! Tests of the link for debuggers: avr-gdb attached to a board on the bench.
 
-#[path = "../bench/tests/avr/mod.rs"]
-mod avr;
-
 use std::io::{Read, Write};
 use std::net::TcpStream;
 use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use avr::MS;
+use crate::avr::MS;
 use bench::Bench;
 use bench::avr::Avr;
 use bench::board::Board;

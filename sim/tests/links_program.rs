@@ -1,15 +1,13 @@
 //! Tests of the program `sim` with ports: their removal at its end, errors, and an upload through
 //! the original bootloaders.
 
-mod links;
-
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use links::{Client, Scratch, elf, elf_for};
+use crate::links::{Client, Scratch, elf, elf_for};
 
 /// Directory of the bootloaders in Debian's package arduino-core-avr.
 const BOOTLOADERS: &str = "/usr/share/arduino/hardware/arduino/avr/bootloaders/atmega";

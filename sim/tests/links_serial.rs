@@ -1,14 +1,10 @@
 //! Tests of the Arduino's serial port with clients that open it.
 
-#[path = "../bench/tests/avr/mod.rs"]
-mod avr;
-mod links;
-
-use avr::program;
+use crate::avr::program;
+use crate::links::{Client, MS, Scratch};
 use bench::Bench;
 use bench::avr::{Avr, ResetCause};
 use bench::board::Board;
-use links::{Client, MS, Scratch};
 use sim::links::Link;
 use sim::links::serial::SerialPort;
 use std::path::PathBuf;

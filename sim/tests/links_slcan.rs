@@ -1,7 +1,5 @@
 //! Tests of SLCAN adapters with clients at their ports, some of which misbehave.
 
-mod links;
-
 use std::cell::RefCell;
 use std::path::PathBuf;
 use std::rc::Rc;
@@ -10,9 +8,9 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread;
 use std::time::Duration;
 
+use crate::links::{Client, Scratch, run_ms};
 use bench::Bench;
 use bench::can::{Frame, Id, SoftNode};
-use links::{Client, Scratch, run_ms};
 use sim::links::Link;
 use sim::links::slcan::Slcan;
 
@@ -108,7 +106,7 @@ fn the_client_gets_frames_of_the_bus_with_a_timestamp_on_request() {
     stand.run_ms(2);
     assert_eq!(stand.read(), "T1801552A2ABCD\rt1230\r");
     assert_eq!(stand.request("Z1\r"), "\r");
-    let now_ms = stand.bench.now() / links::MS;
+    let now_ms = stand.bench.now() / crate::links::MS;
     stand.peer.borrow_mut().send(Frame::standard(0x123, &[]));
     stand.run_ms(2);
     assert_eq!(stand.read(), format!("t1230{now_ms:04X}\r"));

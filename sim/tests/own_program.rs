@@ -1,8 +1,6 @@
 //! Tests of `sim` with programs of other projects: the recipe "Run your own firmware" of
 //! docs/sketch.md.
 
-mod links;
-
 use std::fs::{self, File};
 use std::io::{Read, Write};
 use std::os::unix::process::CommandExt;
@@ -10,7 +8,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
-use links::{Scratch, elf, elf_for, elf_with};
+use crate::links::{Scratch, elf, elf_for, elf_with};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
@@ -158,11 +156,12 @@ fn the_hint_for_a_node_at_another_bit_rate_has_both_rates() {
 }
 
 #[test]
-fn there_is_a_hint_for_a_serial_port_at_another_baud_rate() {
+fn a_serial_port_at_another_rate_of_serial_monitors_is_told_and_no_hint() {
     let scratch = Scratch::new();
     let (text, ..) =
         result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=103"]), &UNO);
-    assert_eq!(text.matches("HINT    the UART is at 9600 baud").count(), 1, "{text}");
+    assert_eq!(text.matches("board   the serial port has 9600 baud").count(), 1, "{text}");
+    assert!(!text.contains("HINT"), "{text}");
     let (text, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=71"]), &UNO);
     assert!(text.contains("is at 13888 baud, which no serial monitor has"), "{text}");
     let (text, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
@@ -198,6 +197,9 @@ fn there_is_a_hint_for_a_chip_select_on_another_pin() {
     let (text, ..) =
         result(&scratch, &program, &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
     assert!(text.contains("but CS of the MCP2515 (D9) has never been low"), "{text}");
+    let named = text.find("the program drives D10, CS is wired to D9 (--cs D10)");
+    let named = named.unwrap_or_else(|| panic!("{text}"));
+    assert!(text.find("MISTAKE").is_none_or(|mistake| named < mistake), "{text}");
 }
 
 #[test]
@@ -298,6 +300,17 @@ fn a_strict_run_fails_for_a_program_that_does_not_work() {
         (Some(code), outcome.to_owned(), findings)
     };
     assert_eq!(strict(&uno(), &UNO), found(0, "well", &[]));
+    // Correct programs: a slow serial port; one that only receives; one with what is not modelled.
+    let built = |defines: &[&str]| elf_with(&scratch, "uno", "atmega328p", defines);
+    assert_eq!(strict(&built(&["UBRR=103"]), &UNO), found(0, "well", &[]));
+    let listener = built(&["LISTENER"]);
+    assert_eq!(strict(&listener, &UNO), found(1, "never_sent", &["never_sent"]));
+    let mut beside_autopilot = Command::new(env!("CARGO_BIN_EXE_sim"));
+    beside_autopilot.args(["--plain", "--strict", "--speed", "max", "--for", "1s", "--elf"]);
+    let output = beside_autopilot.arg(&listener).args(UNO).output().expect("sim starts");
+    lines(&output);
+    let allowed = [&UNO[..], &["--allow", "never_sent,hints"]].concat();
+    assert_eq!(strict(&listener, &allowed), found(0, "well", &["never_sent"]));
     // The wrong crystal.
     let wrong = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "16"];
     let expected = found(1, "never_sent", &["never_sent", "hints"]);
@@ -316,7 +329,7 @@ fn a_strict_run_fails_for_a_program_that_does_not_work() {
 #[test]
 fn what_is_not_modelled_is_reported_with_the_exit_code_of_the_option() {
     let scratch = Scratch::new();
-    let program = elf_with(&scratch, "features", "atmega168", &["FEATURE=TWCR=1<<TWEN,CLKPR=0"]);
+    let program = elf_with(&scratch, "features", "atmega168", &["FEATURE=TWAR=0x20,CLKPR=0"]);
     for (options, expected) in
         [(&[][..], 0), (&["--unmodelled-exit", "4"], 4), (&["--unmodelled-exit", "0"], 0)]
     {
@@ -482,5 +495,62 @@ fn a_live_view_ends_when_its_terminal_is_closed() {
             }
             std::thread::sleep(Duration::from_millis(10));
         }
+    }
+}
+
+/// The program of `own_pins.c`: a LED that follows a button, one that follows a voltage, a tone.
+#[test]
+fn the_pins_of_a_program_are_set_and_watched_by_options_and_by_a_script() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "own_pins", "atmega328p");
+    let (script, vcd) = (scratch.path("own.txt"), scratch.path("own.vcd"));
+    fs::write(&script, "(0.3) set D7 high\n(0.4) set A1 1.5V\n(0.5) set D4 low\n").unwrap();
+    let options = ["--watch", "D8,D5,D6", "--set", "D7=low", "--set", "A1=2.5V"];
+    let files = ["--script", script.to_str().unwrap(), "--vcd", vcd.to_str().unwrap()];
+    let output = lines(&sim(&program, &[&UNO[..], &options, &files].concat()));
+    let seen: Vec<(f64, &str)> = output
+        .lines()
+        .filter_map(|line| line.split_once(" pin     "))
+        .map(|(time, text)| (time.trim().parse().expect("seconds"), text))
+        .collect();
+    let at = |text: &str| {
+        let found = seen.iter().rfind(|(_, shown)| *shown == text);
+        found.unwrap_or_else(|| panic!("no {text} in {output}")).0
+    };
+    assert_eq!(at("D8 low"), 0.0, "the button is pressed");
+    assert!((0.3..0.302).contains(&at("D8 high")), "{output}");
+    assert!(at("D5 high") < 0.002 && (0.4..0.402).contains(&at("D5 low")), "{output}");
+    let tone = seen.iter().find(|(_, text)| text.starts_with("D6") && text.contains("Hz"));
+    let (_, tone) = tone.unwrap_or_else(|| panic!("no tone in {output}"));
+    assert!(tone.ends_with("Hz, high 50 %"), "{tone}");
+    assert!(seen.len() < 16, "the tone is one line: {output}");
+    let waves = fs::read_to_string(&vcd).unwrap();
+    for pin in ["D8", "D5", "D6"] {
+        assert!(waves.contains(&format!(" {pin} $end")), "{pin} in the VCD file");
+    }
+    let save = fs::read_to_string(scratch.path("own.gtkw")).unwrap();
+    for line in [&format!("[dumpfile] \"{}\"", vcd.canonicalize().unwrap().display()), "node.CAN"] {
+        assert!(save.lines().any(|other| other == line), "{line} in {save}");
+    }
+    assert!(save.contains("\nnode.D8\n"), "{save}");
+    // What GTKWave has saved stays.
+    fs::write(scratch.path("own.gtkw"), "[*] GTKWave Analyzer v3.3\n").unwrap();
+    lines(&sim_for("10ms", &program, &[&UNO[..], &files].concat()));
+    let save = fs::read_to_string(scratch.path("own.gtkw")).unwrap();
+    assert_eq!(save, "[*] GTKWave Analyzer v3.3\n");
+}
+
+#[test]
+fn a_wrong_pin_or_level_is_refused_with_advice() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "own_pins", "atmega328p");
+    for (option, advice) in [
+        ("--set=D7=2.5V", "D7 is digital"),
+        ("--set=A1=7V", "a voltage from 0V to 5V"),
+        ("--set=D10=low", "D10 is CS of the MCP2515"),
+        ("--watch=D14", "use D0 to D13 or A0 to A5"),
+    ] {
+        let error = error_text(&sim_for("10ms", &program, &[&UNO[..], &[option]].concat()));
+        assert!(error.contains(advice), "{option}: {error}");
     }
 }

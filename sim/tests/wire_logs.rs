@@ -1,13 +1,11 @@
 //! Tests of the logs of the bus: Wireshark reads them, and the bench plays them again.
 
-mod wire;
-
+use crate::wire::{BIT_RATE, Directory, Rig, frames, lines, peer_frames, text};
 use bench::can::{Frame, Id, Record};
 use sim::links::Link;
 use sim::links::log::Log;
 use sim::links::script::Script;
 use std::path::Path;
-use wire::{BIT_RATE, Directory, Rig, frames, lines, peer_frames, text};
 
 const RUN_MS: u64 = 60;
 

@@ -1,8 +1,7 @@
 //! Tests of VCD files with sigrok's decoders. One sample is one cycle of the AVR, so the tests
 //! compare times, too.
 
-mod wire;
-
+use crate::wire::{Directory, Rig, frames, lines, output, peer_frames, text};
 use bench::avr::{Firmware, Pulse, SpiByte};
 use bench::board::{Board, WireEvent};
 use bench::can::{Frame, Id, Record};
@@ -12,7 +11,6 @@ use sim::links::Link;
 use sim::links::vcd::Vcd;
 use std::collections::HashMap;
 use std::path::Path;
-use wire::{Directory, Rig, frames, lines, output, peer_frames, text};
 
 const RUN_MS: u64 = 80;
 /// Input format for sigrok: one sample for 625 units of 100 ps, which is a cycle.
@@ -29,7 +27,7 @@ struct Known {
 fn recorded(path: &Path) -> Known {
     let mut rig = Rig::new();
     let node = rig.node;
-    let mut vcd = Vcd::create(path, &[], &mut rig.bench, node).unwrap();
+    let mut vcd = Vcd::create(path, &[], &[], &mut rig.bench, node).unwrap();
     let mut known = Known::default();
     rig.run(RUN_MS, |bench, records| {
         vcd.serve(bench).unwrap();
@@ -308,10 +306,10 @@ fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
         (0..OUTPUT_PINS.len()).map(|index| width(index) + INSTRUCTION).sum::<u64>() + INSTRUCTION;
     let directory = Directory::new("outputs");
     let path = directory.file("run.vcd");
-    let mut bench = Bench::new(wire::BIT_RATE);
+    let mut bench = Bench::new(crate::wire::BIT_RATE);
     let board = Board::programmed(&Wiring::parse(section).unwrap(), &pulsing(nops)).unwrap();
     let node = bench.add_board(board, "node");
-    let mut vcd = Vcd::create(&path, &[], &mut bench, node).unwrap();
+    let mut vcd = Vcd::create(&path, &[], &[], &mut bench, node).unwrap();
     let mut metered = vec![Vec::new(); OUTPUT_PINS.len()];
     for turn in 0..10 {
         bench.run_for_ms(1);
@@ -357,7 +355,7 @@ fn the_file_can_be_read_while_it_is_being_written() {
     let path = directory.file("run.vcd");
     let mut rig = Rig::new();
     let node = rig.node;
-    let mut vcd = Vcd::create(&path, &[], &mut rig.bench, node).unwrap();
+    let mut vcd = Vcd::create(&path, &[], &[], &mut rig.bench, node).unwrap();
     let mut seen = Vec::new();
     rig.run(42, |bench, records| {
         seen.extend_from_slice(records);
@@ -365,7 +363,7 @@ fn the_file_can_be_read_while_it_is_being_written() {
     });
     assert!(std::fs::read(&path).unwrap().ends_with(b"\n"));
     let found = decoded(&path, "can:can_rx=CAN:nominal_bitrate=1000000", "can=sof");
-    let before = seen.iter().filter(|record| record.end < 30 * wire::MS).count();
+    let before = seen.iter().filter(|record| record.end < 30 * crate::wire::MS).count();
     assert!(before > 20 && found.len() >= before, "{before} {}", found.len());
     drop(vcd);
 }
@@ -374,7 +372,7 @@ fn the_file_can_be_read_while_it_is_being_written() {
 #[test]
 fn a_full_disk_is_an_error_that_names_the_file() {
     let mut rig = Rig::new();
-    let error = Vcd::create(Path::new("/dev/full"), &[], &mut rig.bench, 0).err().unwrap();
+    let error = Vcd::create(Path::new("/dev/full"), &[], &[], &mut rig.bench, 0).err().unwrap();
     let error = format!("{error:#}");
     assert!(error.starts_with("--vcd: cannot write /dev/full: No space left"), "{error}");
 }

@@ -146,8 +146,10 @@ pub struct Settings {
     pub motors: u8,
     /// Commands for motors a second, 1 to 400.
     pub motor_rate_hz: u32,
-    /// True if ArrayCommand leaves out the actuators that move while disarmed, as ArduPilot leaves
-    /// out the throttle with `ARMING_REQUIRE` 2 (AP_DroneCAN.cpp:941-949 at 90700977c5).
+    /// True if, while disarmed, ArrayCommand leaves out the actuators that move, and no RawCommand
+    /// is sent. ArduPilot leaves out channels without a pulse, as the throttle with
+    /// `ARMING_REQUIRE` 2 (AP_DroneCAN.cpp:941-949 at 90700977c5), and sends no RawCommand if none
+    /// of its channels has one.
     pub omits_disarmed: bool,
     pub command_type: CommandType,
     /// Time of one sweep, there and back.
@@ -226,6 +228,8 @@ pub struct Autopilot {
     motion: Motion,
     /// Deflections of actuators that do not follow the motion.
     held: BTreeMap<u8, f64>,
+    /// Powers of motors that do not follow the motion.
+    held_motors: BTreeMap<u8, f64>,
     silent: bool,
     /// True while a task runs whose frames are not sent.
     mute: bool,
@@ -269,6 +273,7 @@ impl Autopilot {
             powered_at: now,
             motion: Motion::Sweep { since: now, phase: 0.0 },
             held: BTreeMap::new(),
+            held_motors: BTreeMap::new(),
             silent: false,
             mute: false,
             armed: true,
@@ -308,11 +313,13 @@ impl Autopilot {
     /// An autopilot with other settings that starts at `now`, with the motion, arming and silence
     /// of this one.
     pub fn successor(&self, settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
-        let (motion, held) = (self.motion, self.held.clone());
+        let (motion, held, held_motors) =
+            (self.motion, self.held.clone(), self.held_motors.clone());
         let (silent, armed, safe) = (self.silent, self.armed, self.safe);
         Autopilot {
             motion,
             held,
+            held_motors,
             silent,
             armed,
             safe,
@@ -366,6 +373,25 @@ impl Autopilot {
         self.safe = safe;
     }
 
+    /// Commands so many motors from `now` on.
+    pub fn set_motors(&mut self, motors: u8, now: Cycles) {
+        self.settings.motors = motors;
+        self.next_motors_at = self.next_motors_at.max(now);
+    }
+
+    /// Holds a motor at a power, 0 to 1, until the next sweep. It is off while disarmed all the
+    /// same.
+    pub fn hold_motor(&mut self, index: u8, power: f64) {
+        self.held_motors.insert(index, power.clamp(0.0, 1.0));
+    }
+
+    /// Commanded power of a motor at `at`, 0 to 1, while armed.
+    pub fn motor_power(&self, index: u8, at: Cycles) -> f64 {
+        let ahead = f64::from(index) / f64::from(self.settings.motors.max(1));
+        let moving = || (self.deflection_ahead(at, ahead) + 1.0) / 2.0;
+        self.held_motors.get(&index).copied().unwrap_or_else(moving)
+    }
+
     /// Changes the node ID.
     pub fn set_node_id(&mut self, id: NodeId) {
         self.settings.node_id = id;
@@ -391,6 +417,7 @@ impl Autopilot {
         let phase = self.deflection(now).asin() / TAU;
         self.motion = Motion::Sweep { since: now, phase };
         self.held.clear();
+        self.held_motors.clear();
     }
 
     /// Holds one actuator at a deflection, limited to -1..=1, until the next sweep. The others go

@@ -17,9 +17,9 @@ pub struct Bench<P = StandardProcessor> {
     now: Cycles,
 }
 
-#[cfg(feature = "simavr")]
+#[cfg(feature = "avr-model")]
 impl Bench {
-    /// An empty bus with `bit_rate` bits per second, for boards with simavr.
+    /// An empty bus with `bit_rate` bits per second, for boards with the processor of `avr-model`.
     pub fn new(bit_rate: u32) -> Bench {
         Bench::of_processor(bit_rate)
     }

@@ -20,7 +20,7 @@
 //! both chips start at the same time. A real AVR with the Diecimila's fuses starts about 65 ms
 //! later, which gives the MCP2515 more time to start.
 
-#[cfg(feature = "simavr")]
+#[cfg(feature = "avr-model")]
 mod load;
 mod wires;
 
@@ -36,7 +36,7 @@ use crate::shaft::Shaft;
 use crate::wiring::{Pin, Wiring};
 use crate::{Cycles, StandardProcessor};
 use wires::{SpiEnd, Wires};
-pub use wires::{SpiUse, Violation, WireEvent};
+pub use wires::{SpiUse, Violation, Wire, WireEvent, WrongWire};
 
 /// D3 is the output OC2B of Timer2, which can dim a light.
 const OC2B: (char, u8) = ('D', 3);
@@ -244,6 +244,15 @@ impl<P: Processor> Board<P> {
     /// Shorts the AVR's INT pin to this level; `None` ends the short.
     pub fn set_stuck_int(&mut self, level: Option<bool>) {
         self.wires.stuck_int.set(level);
+        self.update_int();
+    }
+
+    /// Makes a wire to the MCP2515 wrong; `None` ends that. The processor reads `undriven` (0x00 or
+    /// 0xFF) from SO while nothing drives it.
+    pub fn set_wrong_wire(&mut self, wrong: Option<WrongWire>, undriven: u8) {
+        let at = self.now();
+        self.wires.wrong.set(wrong.map(|wrong| (wrong, undriven)));
+        self.wires.select(!self.wires.selected.get(), at);
         self.update_int();
     }
 

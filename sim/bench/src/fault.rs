@@ -123,13 +123,13 @@ impl Fault {
             Fault::ChipReset => "the MCP2515 loses all its settings",
             Fault::SpiNoise => "1 bit in 10,000 on the SPI is inverted (on/off)",
             Fault::ChipPower => "the MCP2515 has no power (on/off)",
-            Fault::Cable => "the node's bus cable is pulled or plugged (on/off)",
-            Fault::Silence => "the autopilot stops sending or sends again (on/off)",
+            Fault::Cable => "the node's bus cable is pulled (on/off)",
+            Fault::Silence => "the autopilot sends nothing (on/off)",
             Fault::Disarm => {
                 "the vehicle is disarmed or armed, if the autopilot sends ArmingStatus (on/off)"
             }
             Fault::Reset => "the board's reset button is pressed",
-            Fault::ErrorStorm => "1 bit in 100 is inverted (on/off)",
+            Fault::ErrorStorm => "noise on the bus: 1 bit in 100 is inverted (on/off)",
             Fault::AckDestroyed => {
                 "every ACK is destroyed, so that receivers destroy the frame (on/off)"
             }

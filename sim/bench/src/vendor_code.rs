@@ -29,40 +29,60 @@ pub const PARAMETERS_LOST: u16 = 1 << 13;
 pub const DISARMED: u16 = 1 << 14;
 pub const DRAFT: u16 = 1 << 15;
 
+/// A condition in words, and what to do.
+type Words = (&'static str, &'static str);
+
+/// What to do after a fault of the program.
+const REPORT: &str = "report it: the program should not do that";
+
 /// The fault for each number in the bits `RESET`. 0 is no fault; 6 and 7 have no meaning yet.
-const RESETS: [Option<&str>; 8] = [
+const RESETS: [Option<Words>; 8] = [
     None,
-    Some("restarted by the watchdog"),
-    Some("restarted after a brown-out"),
-    Some("restarted after a panic"),
-    Some("restarted after a stray interrupt"),
-    Some("restarted after a stack overflow"),
-    Some("restarted, cause 6"),
-    Some("restarted, cause 7"),
+    Some(("restarted by the watchdog", REPORT)),
+    Some(("restarted after a brown-out", "give the board 5 V that do not dip when servos move")),
+    Some(("restarted after a panic", REPORT)),
+    Some(("restarted after a stray interrupt", REPORT)),
+    Some(("restarted after a stack overflow", REPORT)),
+    Some(("restarted, cause 6", REPORT)),
+    Some(("restarted, cause 7", REPORT)),
 ];
 
 /// The condition of each other bit.
-const CONDITIONS: [(u16, &str); 13] = [
-    (TRANSFER_ERRORS, "transfer errors"),
-    (ID_CONFLICT, "node ID conflict"),
-    (FRAMES_LOST, "frames lost"),
-    (ERROR_PASSIVE, "error-passive"),
-    (BUS_OFF, "bus-off"),
-    (CONTROLLER, "controller restarted or sending given up"),
-    (TWO_COMMANDERS, "two commanders"),
-    (FAILSAFE, "failsafe"),
-    (TEMPERATURE, "temperature"),
-    (POWER, "power"),
-    (PARAMETERS_LOST, "parameters lost"),
-    (DISARMED, "disarmed or safe"),
-    (DRAFT, "speaks the draft"),
+const CONDITIONS: [(u16, Words); 13] = [
+    (
+        TRANSFER_ERRORS,
+        ("transfer errors", "look for noise, and for nodes that send half transfers"),
+    ),
+    (ID_CONFLICT, ("node ID conflict", "give one of the two nodes another CAN_NODE")),
+    (FRAMES_LOST, ("frames lost", "let the others send less")),
+    (ERROR_PASSIVE, ("error-passive", "check the cable, the terminators, and the other nodes")),
+    (BUS_OFF, ("bus-off", "check CAN H and CAN L, and the bit rate of all nodes")),
+    (
+        CONTROLLER,
+        (
+            "controller restarted or sending given up",
+            "check the wires and the supply of the MCP2515, the cable, and the bit rate",
+        ),
+    ),
+    (TWO_COMMANDERS, ("two commanders", "let one node command the output")),
+    (FAILSAFE, ("failsafe", "send commands: none came for OUTn_TIMEOUT")),
+    (TEMPERATURE, ("temperature", "check the sensor, TEMP_MIN and TEMP_MAX")),
+    (POWER, ("power", "check the circuit, and the limits PWR1_...")),
+    (PARAMETERS_LOST, ("parameters lost", "set the parameters, and save them")),
+    (DISARMED, ("disarmed or safe", "arm the vehicle, and put the safety switch off")),
+    (DRAFT, ("speaks the draft", "nothing: this program does")),
 ];
+
+/// The conditions in `code`, each in words and with what to do; none for code 0.
+pub fn with_advice(code: u16) -> impl Iterator<Item = (&'static str, &'static str)> {
+    let set = move |(bit, words): (u16, Words)| (code & bit != 0).then_some(words);
+    let reset = RESETS[usize::from(code & RESET)];
+    reset.into_iter().chain(CONDITIONS.into_iter().filter_map(set))
+}
 
 /// The conditions in `code`, a text each; none for code 0.
 pub fn conditions(code: u16) -> Vec<&'static str> {
-    let set = |(bit, text): (u16, &'static str)| (code & bit != 0).then_some(text);
-    let reset = RESETS[usize::from(code & RESET)];
-    reset.into_iter().chain(CONDITIONS.into_iter().filter_map(set)).collect()
+    with_advice(code).map(|(text, _)| text).collect()
 }
 
 #[cfg(test)]
@@ -73,10 +93,10 @@ mod tests {
     fn each_bit_has_its_text() {
         for bit in 3..16 {
             let texts = conditions(1 << bit);
-            assert_eq!(texts, [CONDITIONS[bit - 3].1], "bit {bit}");
+            assert_eq!(texts, [CONDITIONS[bit - 3].1.0], "bit {bit}");
         }
-        for (cause, text) in RESETS.iter().enumerate() {
-            assert_eq!(conditions(cause as u16).first().copied(), *text);
+        for (cause, words) in RESETS.iter().enumerate() {
+            assert_eq!(with_advice(cause as u16).next(), *words);
         }
         assert!(conditions(0).is_empty());
     }
@@ -85,7 +105,7 @@ mod tests {
     #[test]
     fn the_texts_agree_with_the_document() {
         let document = include_str!("../../../docs/status.md").to_lowercase();
-        for (code, text) in CONDITIONS {
+        for (code, (text, _)) in CONDITIONS {
             let start = format!("| {} | `{code:#06x}` |", code.trailing_zeros());
             let row = document.lines().find(|line| line.starts_with(&start)).expect(text);
             assert!(row.contains(text.split(' ').next().expect("a word")), "{text}: {row}");

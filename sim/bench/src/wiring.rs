@@ -315,6 +315,19 @@ impl Wiring {
         boards::fastest_bit_rate(self.crystal_mhz)
     }
 
+    /// Checks that the MCP2515 reaches a bit rate with its crystal.
+    ///
+    /// # Errors
+    /// If it does not; the message has the highest bit rate.
+    pub fn check_bit_rate(&self, bit_rate: u32) -> Result<()> {
+        let (crystal, fastest) = (self.crystal_mhz, self.fastest_bit_rate());
+        ensure!(
+            bit_rate <= fastest,
+            "an MCP2515 with a crystal of {crystal} MHz does at most {fastest} bit/s"
+        );
+        Ok(())
+    }
+
     /// Short name of the board.
     pub fn board_name(&self) -> &str {
         if self.board_entry().is_some() { &self.board } else { "Arduino" }

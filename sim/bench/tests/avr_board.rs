@@ -1,12 +1,10 @@
 //! Tests of the board's wiring and of the bench's run loop, with a small program that uses the
 //! MCP2515.
 
-mod avr;
-
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, byte, program, program_for, word};
+use crate::avr::{MS, US, byte, program, program_for, word};
 use bench::Bench;
 use bench::avr::{Chip, ResetCause, State};
 use bench::board::Board;

@@ -1,13 +1,11 @@
 //! Tests of the simulated AVR with programs: time, resets, sleep, pins, memory.
 
-mod avr;
-
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{
-    MS, US, address, assert_no_violation, byte, bytes, firmware_for, program, program_for, read,
-    word,
+use crate::avr::{
+    ENGINE, MS, US, address, assert_no_violation, blank, byte, bytes, firmware_for, program,
+    program_for, read, with_firmware, word,
 };
 use bench::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, Resume, State};
 use bench::board::Board;
@@ -26,6 +24,20 @@ fn time_goes_on_through_resets() {
     let causes: Vec<ResetCause> = avr.resets().iter().map(|reset| reset.cause).collect();
     assert_eq!(causes, [ResetCause::PowerOn, ResetCause::External]);
     assert_eq!(avr.resets()[1].at, before);
+}
+
+/// As on an Arduino whose bootloader has found no program.
+#[test]
+fn a_program_behind_erased_flash_is_reached() {
+    const PROGRAM: usize = 0x3800;
+    // SBI DDRB, 5; SBI PORTB, 5; RJMP to itself.
+    let mut avr = blank(Chip::Atmega168);
+    avr.load_flash(PROGRAM, &[0x25, 0x9A, 0x2D, 0x9A, 0xFF, 0xCF]);
+    avr.run_until(PROGRAM as u64 / 2);
+    assert!(!avr.pin('B', 5));
+    avr.run_until(PROGRAM as u64 / 2 + 10);
+    assert!(avr.pin('B', 5));
+    assert_no_violation(&mut avr);
 }
 
 #[test]
@@ -125,7 +137,7 @@ fn mcusr_has_the_causes_of_the_resets() {
 fn sram_has_random_contents_after_power_on_and_its_old_contents_after_other_resets() {
     for (chip, ram_end) in [(Chip::Atmega168, 0x4FF), (Chip::Atmega328p, 0x8FF)] {
         let contents = |avr: &Avr| avr.sram_range(0x100..=ram_end);
-        let mut avr = Avr::blank(chip).unwrap();
+        let mut avr = blank(chip);
         let first = contents(&avr);
         assert!(first.iter().filter(|byte| **byte == 0).count() < 20);
         assert!(first[first.len() - 20..].iter().any(|byte| *byte != 0));
@@ -133,7 +145,7 @@ fn sram_has_random_contents_after_power_on_and_its_old_contents_after_other_rese
         assert_eq!(contents(&avr), first);
         avr.reset(ResetCause::PowerOn);
         assert_ne!(contents(&avr), first);
-        assert_eq!(contents(&Avr::blank(chip).unwrap()), first, "not repeatable");
+        assert_eq!(contents(&blank(chip)), first, "not repeatable");
     }
 }
 
@@ -154,6 +166,65 @@ fn a_sleeping_program_wakes_for_interrupts_in_simulated_time() {
     assert_no_violation(&mut avr);
 }
 
+/// Clock cycles that a round of the program takes beside its sleep.
+const ROUND: u16 = 200;
+
+/// Table 10-1: Timer0 stands in each of these modes, and Timer1, so that the watchdog alone wakes
+/// the chip. From power-down and power-save the crystal needs 16,384 cycles, in which they stand.
+#[test]
+fn in_a_deep_sleep_the_timers_stand_and_the_watchdog_wakes_the_chip() {
+    // SM2:0: ADC Noise Reduction, Power-down, Power-save, Standby, Extended Standby.
+    for mode in [1, 2, 3, 6, 7] {
+        let mut avr = program("sleep", &["WATCHDOG", &format!("MODE={mode}<<SM0")]);
+        avr.run_until(2000 * MS);
+        let rounds = word(&avr, "rounds");
+        // 64 ms, with an oscillator that deviates by up to 10 %.
+        assert!((27..=35).contains(&rounds), "{mode}: {rounds} rounds");
+        assert_eq!(word(&avr, "others"), rounds, "{mode}");
+        assert_eq!(word(&avr, "ticks"), 0, "{mode}");
+        assert!(word(&avr, "moved") < ROUND, "{mode}: {}", word(&avr, "moved"));
+        assert_no_violation(&mut avr);
+    }
+}
+
+/// Section 13.1: edges of INT0 need the clock, its low level does not. Section 9.3: the crystal
+/// starts within 16,384 cycles.
+#[test]
+fn a_low_level_of_int0_and_a_change_of_a_pin_end_a_deep_sleep_and_an_edge_of_int0_does_not() {
+    let wakes_after = |define: &str, pin: u8| {
+        let mut avr = program("sleep", &["MODE=SLEEP_MODE_PWR_DOWN", define]);
+        avr.drive_pin('D', pin, true);
+        avr.run_until(100 * MS);
+        let before = word(&avr, "others");
+        avr.drive_pin('D', pin, false);
+        let begin = avr.now();
+        while word(&avr, "others") == before && avr.now() < begin + 10 * MS {
+            avr.run_until(avr.now() + 16);
+        }
+        let others = word(&avr, "others") - before;
+        (others, avr.now() - begin)
+    };
+    for (define, pin) in [("INT0_SENSE=0", 2), ("PIN_CHANGE", 4)] {
+        let (others, cycles) = wakes_after(define, pin);
+        assert_eq!(others, 1, "{define}");
+        assert!((16_384..16_384 + 128).contains(&cycles), "{define}: {cycles}");
+    }
+    let falling = 2;
+    assert_eq!(wakes_after(&format!("INT0_SENSE={falling}"), 2).0, 0);
+}
+
+/// Section 10.5: entering the mode starts a conversion, whose interrupt ends the sleep.
+#[test]
+fn adc_noise_reduction_converts_once_for_each_sleep() {
+    let mut avr = program("sleep", &["CONVERSION", "MODE=SLEEP_MODE_ADC"]);
+    avr.run_until(100 * MS);
+    let rounds = word(&avr, "rounds");
+    // 13 ADC clocks of 128 cycles.
+    assert!((850..970).contains(&rounds), "{rounds} rounds");
+    assert!(rounds.abs_diff(word(&avr, "others")) <= 1);
+    assert!(word(&avr, "moved") < ROUND);
+}
+
 #[test]
 fn a_program_that_sleeps_with_interrupts_off_is_done_and_time_still_passes() {
     let mut avr = program("sleep", &["FOR_GOOD"]);
@@ -163,9 +234,11 @@ fn a_program_that_sleeps_with_interrupts_off_is_done_and_time_still_passes() {
     assert_eq!(avr.state(), State::Running);
 }
 
+/// One engine stops at the opcode, which does not exist, the other at the end of the flash.
 #[test]
-fn a_program_that_leaves_the_flash_has_crashed_and_time_still_passes() {
-    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+fn a_program_that_is_none_has_crashed_and_time_still_passes() {
+    let mut avr = blank(Chip::Atmega168);
+    avr.load_flash(0, &[0x01, 0x00]);
     assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
     assert_eq!(avr.now(), 10 * MS);
 }
@@ -179,7 +252,7 @@ const WITH_CYCLE_TIMERS: [u16; 13] = [
 ];
 
 fn with_cycle_timers() -> Avr {
-    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    let mut avr = blank(Chip::Atmega168);
     avr.load_flash(0, &WITH_CYCLE_TIMERS.map(u16::to_le_bytes).concat());
     avr
 }
@@ -307,7 +380,7 @@ fn falling_edges_while_int0_is_masked_interrupt_once_when_it_is_unmasked() {
 
 #[test]
 fn the_largest_stack_is_measured_in_painted_sram() {
-    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    let mut avr = blank(Chip::Atmega168);
     (0x200..=0x4FF).for_each(|address| avr.poke_sram(address, 0xC5));
     assert_eq!(avr.stack_high_water(0xC5, 0x200), 0);
     avr.poke_sram(0x4F0, 0);
@@ -349,9 +422,10 @@ fn the_error_of_a_program_that_is_too_large_for_the_chip_has_the_sizes() {
         ),
     ] {
         let firmware = firmware_for(Chip::Atmega328p, "memory", &[define]);
-        let error = Avr::programmed(Chip::Atmega168, &firmware).err().expect(define).to_string();
+        let error =
+            Avr::programmed_on(ENGINE, Chip::Atmega168, &firmware).err().expect(define).to_string();
         assert!(error.contains(expected) && error.ends_with("--mcu atmega328p"), "{error}");
-        let mut avr = Avr::with_firmware(&firmware).unwrap();
+        let mut avr = with_firmware(&firmware).unwrap();
         avr.run_until(10 * MS);
         assert_no_violation(&mut avr);
     }
@@ -362,7 +436,7 @@ fn the_section_board_of_a_program_sets_the_wiring() {
     let firmware = firmware_for(Chip::Atmega328p, "label", &[]);
     let wiring = Wiring::of("uno", "module").unwrap();
     assert_eq!(Wiring::of_program(&firmware).unwrap(), wiring);
-    assert_eq!(Board::new(Avr::with_firmware(&firmware).unwrap()).wiring(), &wiring);
+    assert_eq!(Board::new(with_firmware(&firmware).unwrap()).wiring(), &wiring);
     // The section is not loaded: without it the program has nearly the same size.
     let bytes = |firmware: &bench::avr::Firmware| {
         firmware.flash.iter().map(|(_, bytes)| bytes.len()).sum::<usize>()
@@ -382,7 +456,7 @@ fn the_section_board_of_a_program_sets_the_wiring() {
 
 /// A chip with the program LDS r24, ADDRESS; STS ADDRESS, r24; RJMP to itself.
 fn with_access_of(chip: Chip, address: u16) -> Avr {
-    let mut avr = Avr::blank(chip).unwrap();
+    let mut avr = blank(chip);
     let program = [0x9180, address, 0x9380, address, 0xCFFF];
     avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
     avr.run_until(MS);
@@ -410,7 +484,7 @@ fn an_access_beyond_the_ram_is_reported_with_its_program_counter() {
 #[test]
 fn the_mistakes_of_a_program_for_a_larger_chip_are_reported_and_the_simulator_goes_on() {
     let firmware = firmware_for(Chip::Atmega328p, "sleep", &[]);
-    let mut avr = Avr::programmed(Chip::Atmega168, &firmware).unwrap();
+    let mut avr = Avr::programmed_on(ENGINE, Chip::Atmega168, &firmware).unwrap();
     avr.run_until(20 * MS);
     let violations = avr.take_violations();
     assert!(
@@ -425,7 +499,7 @@ fn addresses_beyond_the_end_of_the_flash_read_0xff() {
     // LDI r30, 0xFF; LDI r31, 0xFF; LPM r24, Z; STS 0x100, r24; LDI r31, 0x40; LPM r24, Z; STS
     // 0x101, r24; RJMP to itself.
     let program = [0xEFEF, 0xEFFF, 0x9184, 0x9380, 0x0100, 0xE4F0, 0x9184, 0x9380, 0x0101, 0xCFFF];
-    let mut avr = Avr::blank(Chip::Atmega168).unwrap();
+    let mut avr = blank(Chip::Atmega168);
     avr.load_flash(0, &program.map(u16::to_le_bytes).concat());
     avr.run_until(MS);
     assert_eq!(avr.sram_range(0x100..=0x101), [0xFF, 0xFF]);
@@ -434,7 +508,7 @@ fn addresses_beyond_the_end_of_the_flash_read_0xff() {
 #[test]
 fn a_debugger_can_access_the_memories_of_the_chip_and_nothing_beyond_their_ends() {
     for chip in Chip::ALL {
-        let mut avr = Avr::blank(chip).unwrap();
+        let mut avr = blank(chip);
         let debugger = avr.debugger();
         let ram_end = u32::from(chip.ram_end());
         assert!(debugger.data(ram_end).is_some() && debugger.data(ram_end + 1).is_none());

@@ -1,12 +1,10 @@
 //! Tests of the SPI, USART0, ADC, EEPROM and Timer1 of the simulated ATmega168, with programs that
 //! use them.
 
-mod avr;
-
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use avr::{MS, US, assert_no_violation, assert_one_violation, byte, bytes, program, word};
+use crate::avr::{MS, US, assert_no_violation, assert_one_violation, byte, bytes, program, word};
 use bench::avr::{Avr, Oc, PulseMeter, ResetCause, SpiByte};
 
 /// Connects a device that answers each byte with its complement. Returns the bytes that the device

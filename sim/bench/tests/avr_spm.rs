@@ -1,9 +1,8 @@
 //! Tests of self-programming with bootloaders. Each test has the steps of its bootloader in C.
 
-mod avr;
-
-use avr::{
+use crate::avr::{
     MS, assert_no_violation, assert_one_violation, bootloader_for, byte, bytes, firmware_for,
+    with_firmware,
 };
 use bench::avr::{Avr, Chip, Halt, PAGE_BYTES, PAGE_PROGRAMMING_CYCLES, ResetCause, Resume, State};
 
@@ -477,7 +476,7 @@ fn a_bootloader_and_an_application_share_a_chip() {
     assert!(avr.flash()[0x3800..] == boot_section);
     assert!(avr.flash().starts_with(&application.flash[0].1));
     // The other order: the application first, then the bootloader.
-    let mut other = Avr::with_firmware(&application).unwrap();
+    let mut other = with_firmware(&application).unwrap();
     let loader = bench::avr::Firmware { flash: vec![(0x3800, boot_section)], ..Default::default() };
     other.install_bootloader(&loader).unwrap();
     other.load_flash(PAGE, &[OLD; PAGE_BYTES]);

@@ -1,8 +1,6 @@
 //! What the simulator says about features of the chip that it does not model exactly.
 
-mod avr;
-
-use avr::{MS, program};
+use crate::avr::{MS, program};
 
 /// What the program of this statement uses, and the number of mistakes.
 #[track_caller]
@@ -22,7 +20,7 @@ fn each_feature_is_reported_once() {
         ("(void)ACSR", "comparator", 0),
         ("ADCSRB=4,ADCSRA=1<<ADEN|1<<ADATE", "auto trigger", 0),
         ("ADMUX=8,ADCSRA=1<<ADEN|1<<ADSC", "temperature sensor", 0),
-        ("TWCR=1<<TWEN", "TWI", 0),
+        ("TWAR=0x20", "TWI", 0),
         ("PRR=1<<PRADC|1<<PRTIM0", "PRR", 0),
         ("UCSR0B=1<<UCSZ02", "nine bits", 1),
         ("UCSR0C=1<<UMSEL00", "synchronous", 1),
@@ -32,7 +30,7 @@ fn each_feature_is_reported_once() {
         ("TCCR2B=1<<WGM22|1", "reserved mode", 0),
         ("TCCR1A=1;TCCR1B=3<<WGM12|1", "reserved mode", 0),
         ("ASSR=1<<AS2", "own crystal", 1),
-        ("set_sleep_mode(SLEEP_MODE_PWR_DOWN);sleep_mode()", "sleep mode", 0),
+        ("ADCSRA=1<<ADEN|1<<ADSC;set_sleep_mode(SLEEP_MODE_PWR_DOWN);sleep_mode()", "at work", 0),
     ] {
         let (texts, found) = used(statement);
         assert!(texts.len() == 1 && texts[0].contains(part), "{statement}: {texts:?}");
@@ -50,8 +48,10 @@ fn what_is_modelled_is_not_reported() {
         "PRR=1<<PRTIM0|1<<PRTIM1|1<<PRTIM2",
         "UCSR0C=3<<UCSZ00",
         "TCCR0A=3,TCCR0B=1<<WGM02|1",
+        "TWAR=0xFE,TWCR=1<<TWEN",
         "TCCR1A=1;TCCR1B=1<<WGM12|1",
         "set_sleep_mode(SLEEP_MODE_IDLE);sleep_mode()",
+        "set_sleep_mode(SLEEP_MODE_PWR_DOWN);sleep_mode()",
     ] {
         assert_eq!(used(statement).0, [""; 0], "{statement}");
     }
@@ -61,7 +61,7 @@ fn what_is_modelled_is_not_reported() {
 #[test]
 fn a_jump_to_the_start_is_noticed() {
     let mut avr = program("features", &["FEATURE=DDRB=1", "JUMP"]);
-    let starts = avr::address(&avr, "starts");
+    let starts = crate::avr::address(&avr, "starts");
     avr.poke_sram(starts, 0);
     avr.run_until(10 * MS);
     let jumps = avr.jumps_after(0);

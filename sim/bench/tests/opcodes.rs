@@ -1,16 +1,20 @@
-//! Compares simavr's processor with avr8js's, instruction by instruction: registers, SREG, stack
-//! pointer, program counter and cycles, for all opcodes with random operands and flags.
+//! Compares simavr's processor with the one of `avr-core` and with avr8js's, instruction by
+//! instruction: registers, SREG, stack pointer, program counter and cycles, for all opcodes with
+//! random operands and flags.
+//!
+//! `avr-core` runs beside simavr from the same start, and the SRAM and the I/O registers are equal
+//! at the end. No difference is left.
 //!
 //! avr8js gets the state before each instruction from simavr, so that one difference has no
 //! further ones. Both keep their own SRAM, which later loads compare.
 //!
 //! `opcodes.cjs` knows where avr8js is wrong by the manual of the instruction set; there simavr
-//! must agree with the manual. docs/peripherals.md lists these places.
+//! must agree with the manual. docs/peripherals.md names these places.
 //!
 //! The test needs Node.js and avr8js, from `web/node_modules` or from the directory in AVR8JS:
 //!
 //! ```sh
-//! AVR8JS=.../node_modules/avr8js cargo test -p bench --test opcodes -- --ignored --nocapture
+//! AVR8JS=.../node_modules/avr8js cargo test -p bench --test all -- opcodes:: --ignored --nocapture
 //! ```
 //!
 //! Not compared: SPM, SLEEP, BREAK, and what the instruction set manual calls undefined: LD and ST
@@ -21,6 +25,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
+use avr_core::{Core, NoPeripherals};
 use bench::avr::{Avr, Chip, Registers, ResetCause, Resume};
 use bench::{Noise, target_dir};
 
@@ -273,15 +278,65 @@ fn line(registers: &Registers, cycles: u64) -> String {
     line
 }
 
-/// The states of simavr before each instruction of a program.
-fn trace(words: &[u16]) -> String {
-    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
+/// A chip in simavr with a program and an SRAM of zeros.
+fn simavr(bytes: &[u8]) -> Avr {
     let mut avr = Avr::blank(Chip::Atmega328p).expect("a chip");
-    avr.load_flash(0, &bytes);
+    avr.load_flash(0, bytes);
     avr.reset(ResetCause::PowerOn);
     for address in 0x0100..=Chip::Atmega328p.ram_end() {
         avr.poke_sram(address, 0);
     }
+    avr
+}
+
+fn to_bytes(words: &[u16]) -> Vec<u8> {
+    words.iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+fn registers_of(core: &Core) -> Registers {
+    Registers { r: core.registers, sreg: core.sreg, sp: core.sp, pc: core.pc() }
+}
+
+/// Runs a program on simavr and on `avr-core` side by side. Returns the number of instructions.
+fn compare_with_own_core(seed: u64) -> usize {
+    let words = program(seed);
+    let bytes = to_bytes(&words);
+    let mut avr = simavr(&bytes);
+    let debugger = avr.debugger();
+    let mut core = Core::new(avr_core::Chip::ATmega328P);
+    core.write_flash(0, &bytes);
+    core.registers = debugger.registers().r;
+    let mut io = NoPeripherals::default();
+    let start = avr.now();
+    let end = 2 * (words.len() as u32 - 1);
+    for executed in 0..words.len() {
+        let before = debugger.registers();
+        if before.pc == end {
+            assert_eq!(core.ram(), avr.sram_range(0x0100..=Chip::Atmega328p.ram_end()));
+            for address in [0x3E, 0x4A, 0x4B] {
+                let simavr = debugger.data(address);
+                assert_eq!(simavr, Some(io.io[address as usize]), "I/O register {address:#x}");
+            }
+            return executed;
+        }
+        debugger.resume(Resume::Step);
+        avr.run_until(avr.now() + 100);
+        assert!(!debugger.has_crashed(), "crashed after {before:x?}");
+        core.step(&mut io).expect("an instruction");
+        let simavr = (debugger.registers(), avr.now() - start);
+        let opcode = words[before.pc as usize / 2];
+        assert_eq!(
+            (registers_of(&core), core.clock.now),
+            simavr,
+            "seed {seed}, opcode {opcode:#06x} after {before:x?}"
+        );
+    }
+    panic!("the program does not end");
+}
+
+/// The states of simavr before each instruction of a program.
+fn trace(words: &[u16]) -> String {
+    let mut avr = simavr(&to_bytes(words));
     let end = 2 * (words.len() as u32 - 1);
     let debugger = avr.debugger();
     let mut lines = String::new();
@@ -304,8 +359,7 @@ fn trace(words: &[u16]) -> String {
 fn differences(seed: u64, directory: &Path) -> Vec<String> {
     let words = program(seed);
     let (flash, states) = (directory.join("opcodes.bin"), directory.join("opcodes.trace"));
-    let bytes: Vec<u8> = words.iter().flat_map(|word| word.to_le_bytes()).collect();
-    fs::write(&flash, bytes).expect("a file");
+    fs::write(&flash, to_bytes(&words)).expect("a file");
     fs::write(&states, trace(&words)).expect("a file");
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let output = Command::new("node")
@@ -318,6 +372,12 @@ fn differences(seed: u64, directory: &Path) -> Vec<String> {
     assert!(output.status.success(), "{error}");
     eprint!("seed {seed}: {error}");
     String::from_utf8(out).expect("text").lines().map(str::to_owned).collect()
+}
+
+#[test]
+fn avr_core_and_simavr_execute_each_instruction_alike() {
+    let executed: usize = (0..SEEDS).map(compare_with_own_core).sum();
+    assert!(executed > 50_000, "only {executed} instructions");
 }
 
 #[test]

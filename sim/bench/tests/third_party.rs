@@ -7,7 +7,6 @@
 //! `--nocapture` the test of the costs prints the numbers for the documents. Sections are those of
 //! Microchip DS20001801J.
 
-#[path = "third_party/stand.rs"]
 mod stand;
 
 use bench::can::{Frame, Id};

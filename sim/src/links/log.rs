@@ -1,75 +1,21 @@
-//! The log of the bus: pcap if the name of the file ends in .pcap, decoded transfers if it ends in
-//! .txt, else candump text.
-//!
-//! ```text
-//! (2.512352) can0 1404562A#0100A95C00C0
-//! ```
-//!
-//! The time is that of the frame's SOF, in simulated seconds since power-on. So `--script` plays
-//! each frame of a log at its time. python-can, can-utils and Wireshark read it as seconds since
-//! 1970.
-//!
-//! A pcap has link type CAN_SOCKETCAN, with error frames. Text has no error frames, because a
-//! program that plays the log would send them as frames; the status line has their number. In text
-//! a DLC above 8 becomes 8, because python-can and Wireshark reject it; a pcap keeps it.
-//!
-//! The log of decoded transfers has a line for each transfer: the time of its end, its sender, and
-//! its content:
-//!
-//! ```text
-//!      2.514901   127>120 param.GetSet request OUT1_MIN = 1100
-//! ```
-//!
-//! [`dialect`](bench::dronecan::dialect) says how it finds the dialect of a transfer. Transfers of
-//! the draft are marked `draft`.
-//!
-//! Sources: can-utils, log file format (candump.c, lib.h); tcpdump.org, "LINKTYPE_CAN_SOCKETCAN";
-//! Linux, can/error.h.
+//! The log of the bus in a file: pcap if its name ends in .pcap, decoded transfers if it ends in
+//! .txt, else candump text. [`bench::bus_log`] has these forms. The status line has the number of
+//! error frames that candump text leaves out.
 
 use super::Link;
 use anyhow::{Context, Result};
 use bench::Bench;
-use bench::can::{ErrorKind, Frame, Id, Record, RecordKind};
-use bench::dronecan::text::visible;
-use bench::dronecan::{Observation, Observer};
+use bench::bus_log::{BusLog, Format};
+use bench::can::{Record, RecordKind};
 use bench::{Cycles, F_CPU_HZ};
 use std::fs::File;
-use std::io::{self, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
-const CYCLES_PER_US: u64 = F_CPU_HZ / 1_000_000;
 /// The log writes to the file when it has this many bytes, or after `WRITE_PERIOD`. It writes whole
 /// lines, so that the file of a run that is killed can be read.
 const WRITE_SIZE: usize = 64 * 1024;
 const WRITE_PERIOD: Cycles = F_CPU_HZ / 100;
-
-/// First word of a pcap file with times in microseconds. A pcap file has the byte order of the
-/// computer that writes it.
-const PCAP_MAGIC: u32 = 0xA1B2_C3D4;
-const PCAP_VERSION: [u16; 2] = [2, 4];
-const PCAP_SNAPSHOT_LENGTH: u32 = 65_535;
-const LINKTYPE_CAN_SOCKETCAN: u32 = 227;
-
-const CAN_EFF_FLAG: u32 = 1 << 31;
-const CAN_RTR_FLAG: u32 = 1 << 30;
-const CAN_ERR_FLAG: u32 = 1 << 29;
-/// Class of an error frame: protocol violation; data\[2\] and data\[3\] have its kind and its
-/// place.
-const CAN_ERR_PROT: u32 = 0x008;
-/// Class of an error frame: no ACK.
-const CAN_ERR_ACK: u32 = 0x020;
-const CAN_ERR_PROT_BIT: u8 = 0x01;
-const CAN_ERR_PROT_FORM: u8 = 0x02;
-const CAN_ERR_PROT_STUFF: u8 = 0x04;
-const CAN_ERR_PROT_LOC_CRC_SEQ: u8 = 0x08;
-const CAN_ERR_DLC: u8 = 8;
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Format {
-    Candump,
-    Pcap,
-    Transfers,
-}
 
 /// A log of the bus.
 pub struct Log {
@@ -81,7 +27,7 @@ pub struct Log {
     frames: u64,
     error_frames: u64,
     failed: bool,
-    observer: Observer,
+    log: BusLog,
 }
 
 impl Log {
@@ -102,10 +48,7 @@ impl Log {
     }
 
     fn new(path: &Path, out: Box<dyn Write>, format: Format) -> Result<Log> {
-        let text = match format {
-            Format::Candump | Format::Transfers => Vec::new(),
-            Format::Pcap => pcap_header(),
-        };
+        let (bus_log, text) = BusLog::new(format);
         let path = path.to_owned();
         let mut log = Log {
             path,
@@ -116,7 +59,7 @@ impl Log {
             frames: 0,
             error_frames: 0,
             failed: false,
-            observer: Observer::new(),
+            log: bus_log,
         };
         log.write()?;
         Ok(log)
@@ -137,54 +80,6 @@ impl Log {
     fn write_rest(&mut self) -> Result<()> {
         if self.failed { Ok(()) } else { self.write() }
     }
-
-    fn add(&mut self, record: &Record) -> io::Result<()> {
-        let us = record.start / CYCLES_PER_US;
-        match (self.format, record.kind) {
-            (Format::Candump, RecordKind::Frame { mut frame, .. }) => {
-                frame.dlc = frame.dlc.min(8);
-                writeln!(self.text, "({}.{:06}) can0 {frame}", us / 1_000_000, us % 1_000_000)
-            }
-            (Format::Candump, RecordKind::ErrorFrame { .. }) => Ok(()),
-            (Format::Transfers, RecordKind::Frame { frame, .. }) => {
-                self.add_transfer(record.end, &frame)
-            }
-            (Format::Transfers, RecordKind::ErrorFrame { kind, .. }) => {
-                let kind = kind.map_or(String::new(), |kind| format!(": {kind:?}").to_lowercase());
-                self.add_line(record.end, "-", &format!("error frame{kind}"))
-            }
-            (Format::Pcap, RecordKind::Frame { frame, .. }) => {
-                pcap_packet(&mut self.text, us, &socketcan_frame(&frame));
-                Ok(())
-            }
-            (Format::Pcap, RecordKind::ErrorFrame { kind, .. }) => {
-                pcap_packet(&mut self.text, us, &socketcan_error(kind));
-                Ok(())
-            }
-        }
-    }
-
-    fn add_transfer(&mut self, at: Cycles, frame: &Frame) -> io::Result<()> {
-        let id = match frame.id {
-            Id::Extended(id) if !frame.remote => id,
-            _ => return self.add_line(at, "-", &format!("CAN frame {frame}")),
-        };
-        match self.observer.push(id, frame.data(), bench::elapsed(at)) {
-            Observation::Partial => Ok(()),
-            Observation::Invalid(why) => {
-                self.add_line(at, "-", &format!("invalid frame {frame} {why}"))
-            }
-            Observation::Complete(transfer) => {
-                self.add_line(at, &transfer.endpoints(), &transfer.to_string())
-            }
-        }
-    }
-
-    fn add_line(&mut self, at: Cycles, who: &str, text: &str) -> io::Result<()> {
-        let us = at / CYCLES_PER_US;
-        let text = visible(text);
-        writeln!(self.text, "{:6}.{:06} {who:>9} {text}", us / 1_000_000, us % 1_000_000)
-    }
 }
 
 impl Link for Log {
@@ -202,7 +97,7 @@ impl Link for Log {
             RecordKind::Frame { .. } => self.frames += 1,
             RecordKind::ErrorFrame { .. } => self.error_frames += 1,
         }
-        self.add(record)?;
+        self.log.add(record, &mut self.text);
         Ok(())
     }
 
@@ -227,69 +122,15 @@ impl Drop for Log {
     }
 }
 
-fn pcap_header() -> Vec<u8> {
-    let mut header = PCAP_MAGIC.to_ne_bytes().to_vec();
-    header.extend(PCAP_VERSION.iter().flat_map(|part| part.to_ne_bytes()));
-    // Time zone and accuracy of the timestamps: always 0.
-    header.extend([0; 8]);
-    header.extend(PCAP_SNAPSHOT_LENGTH.to_ne_bytes());
-    header.extend(LINKTYPE_CAN_SOCKETCAN.to_ne_bytes());
-    header
-}
-
-fn pcap_packet(out: &mut Vec<u8>, us: u64, packet: &[u8]) {
-    // 32 bits of seconds are enough for a hundred years.
-    let fields = [
-        (us / 1_000_000) as u32,
-        (us % 1_000_000) as u32,
-        packet.len() as u32,
-        packet.len() as u32,
-    ];
-    out.extend(fields.iter().flat_map(|field| field.to_ne_bytes()));
-    out.extend(packet);
-}
-
-/// A frame as struct can_frame: identifier with flags in network byte order, length, two zeros, DLC
-/// if above 8 else 0, data.
-fn socketcan_frame(frame: &Frame) -> Vec<u8> {
-    let id = match frame.id {
-        Id::Standard(id) => u32::from(id),
-        Id::Extended(id) => id | CAN_EFF_FLAG,
-    };
-    let remote = if frame.remote { CAN_RTR_FLAG } else { 0 };
-    let length = frame.dlc.min(8);
-    let long_dlc = if frame.dlc > 8 { frame.dlc } else { 0 };
-    socketcan(id | remote, length, long_dlc, frame.data())
-}
-
-fn socketcan_error(kind: Option<ErrorKind>) -> Vec<u8> {
-    let mut data = [0; 8];
-    let class = match kind {
-        Some(ErrorKind::Ack) => CAN_ERR_ACK,
-        _ => CAN_ERR_PROT,
-    };
-    match kind {
-        Some(ErrorKind::Bit) => data[2] = CAN_ERR_PROT_BIT,
-        Some(ErrorKind::Form) => data[2] = CAN_ERR_PROT_FORM,
-        Some(ErrorKind::Stuff) => data[2] = CAN_ERR_PROT_STUFF,
-        Some(ErrorKind::Crc) => data[3] = CAN_ERR_PROT_LOC_CRC_SEQ,
-        Some(ErrorKind::Ack) | None => {}
-    }
-    socketcan(CAN_ERR_FLAG | class, CAN_ERR_DLC, 0, &data)
-}
-
-fn socketcan(id: u32, length: u8, long_dlc: u8, data: &[u8]) -> Vec<u8> {
-    let mut packet = id.to_be_bytes().to_vec();
-    packet.extend([length, 0, 0, long_dlc]);
-    packet.extend(data);
-    packet
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use bench::can::ErrorKind;
     use std::cell::RefCell;
+    use std::io;
     use std::rc::Rc;
+
+    const CYCLES_PER_US: u64 = F_CPU_HZ / 1_000_000;
 
     /// A file in memory with room for `room` bytes.
     #[derive(Clone)]
@@ -407,19 +248,6 @@ mod tests {
         assert_eq!([24, 28, 32, 36].map(word), [2, 512_352, 14, 14]);
         assert_eq!(bytes[40..48], [0x94, 0x04, 0x56, 0x2A, 6, 0, 0, 0]);
         assert_eq!(bytes[48..], [0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
-    }
-
-    #[test]
-    fn packets_have_flags_for_remote_frames_long_dlcs_and_errors() {
-        let packet = |text: &str| socketcan_frame(&text.parse().unwrap());
-        assert_eq!(packet("123#R4"), [0x40, 0, 1, 0x23, 4, 0, 0, 0]);
-        assert_eq!(packet("7FF#1122334455667788_C")[..8], [0, 0, 7, 0xFF, 8, 0, 0, 12]);
-        assert_eq!(
-            socketcan_error(Some(ErrorKind::Stuff))[..12],
-            [0x20, 0, 0, 8, 8, 0, 0, 0, 0, 0, 4, 0]
-        );
-        assert_eq!(socketcan_error(Some(ErrorKind::Crc))[8..12], [0, 0, 0, 8]);
-        assert_eq!(socketcan_error(Some(ErrorKind::Ack))[..4], [0x20, 0, 0, 0x20]);
     }
 
     /// A run that is killed must leave its log.

@@ -20,6 +20,7 @@ use anyhow::Result;
 use bench::Bench;
 use bench::Cycles;
 use bench::can::Record;
+use bench::wiring::Pin;
 use clap::Args as ClapArgs;
 use std::path::{Path, PathBuf};
 
@@ -28,8 +29,9 @@ use std::path::{Path, PathBuf};
 #[command(next_help_heading = "Joining other programs")]
 #[group(id = "links")]
 pub struct Args {
-    /// Offer an SLCAN adapter on a pseudo-terminal, linked at PATH (repeatable: one client for
-    /// each, all on the same bus)
+    /// Offer an SLCAN adapter on a pseudo-terminal, linked at PATH
+    ///
+    /// Repeatable: one client for each, all on the same bus.
     #[arg(long, value_name = "PATH")]
     pub slcan: Vec<PathBuf>,
 
@@ -61,9 +63,11 @@ pub struct Args {
     #[arg(long, value_name = "FILE")]
     pub log: Option<PathBuf>,
 
-    /// Record CAN, SPI, INT, UART and all outputs as one-bit signals for sigrok and GTKWave: 1 MB
-    /// for each simulated second of this node, up to 50 MB on a full bus, up to 200 MB of a program
-    /// that does nothing but poll over the SPI
+    /// Record CAN, SPI, INT, UART, outputs and the pins of --watch for sigrok and GTKWave
+    ///
+    /// Each is a signal of one bit. The file grows by 1 MB for each simulated second of this node,
+    /// by up to 50 MB on a full bus, and by up to 200 MB with a program that does nothing but poll
+    /// over the SPI. A save file for GTKWave, FILE with the ending .gtkw, is written beside it.
     #[arg(long, value_name = "FILE")]
     pub vcd: Option<PathBuf>,
 
@@ -125,12 +129,17 @@ fn tcp_port(text: &str) -> Result<u16, String> {
 
 impl Args {
     /// Opens all links of the options except for the script. `boards` are the numbers of all
-    /// boards, the node under test first.
+    /// boards, the node under test first. --vcd also records the pins `watched` of the node.
     ///
     /// # Errors
     /// If a link cannot be opened, for example because its path or port is in use; the message says
     /// what to do. The links that were open are closed again.
-    pub fn open(&self, bench: &mut Bench, boards: &[usize]) -> Result<Vec<Box<dyn Link>>> {
+    pub fn open(
+        &self,
+        bench: &mut Bench,
+        boards: &[usize],
+        watched: &[Pin],
+    ) -> Result<Vec<Box<dyn Link>>> {
         let node = boards[0];
         let mut links: Vec<Box<dyn Link>> = Vec::new();
         if let Some(path) = &self.eeprom {
@@ -159,7 +168,7 @@ impl Args {
             links.push(Box::new(log::Log::create(path, bench.bus().bit_rate())?));
         }
         if let Some(path) = &self.vcd {
-            links.push(Box::new(vcd::Vcd::create(path, &self.vcd_signals, bench, node)?));
+            links.push(Box::new(vcd::Vcd::create(path, &self.vcd_signals, watched, bench, node)?));
         }
         Ok(links)
     }

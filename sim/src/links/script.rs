@@ -1,35 +1,8 @@
-//! Plays frames and bench events from a file.
-//!
-//! ```text
-//! # Time in seconds, then a frame as candump and --log write it, or an event.
-//! (0.500000) can0 1404562A#0100A95C00C0
-//! (2.5) temperature 60
-//! (2.6) pwr-voltage 1260
-//! (2.7) pwr-current 330
-//! (3.0) button press
-//! (3.1) button release
-//! (4.0) fault no-ack
-//! (5.0) serial help\r
-//! ```
-//!
-//! Times are simulated seconds since power-on, so the log of a run plays at the times of that run.
-//! The timestamps of a recording count from 1970 or from the start of a computer, with ten digits
-//! before the point: these times are relative to the earliest of them. Lines can be in any order.
+//! Plays a [script](bench::script) from a file.
 //!
 //! The script has its own station on the bus. It sends each frame at its time, or later if the bus
 //! is busy. A log has the frames of all nodes: remove those of a node that takes part again (`grep
 //! -v`), or two stations send the same identifier.
-//!
-//! `pwr-voltage` and `pwr-current` are millivolts at the inputs that measure a circuit, like the
-//! options `--pwr-voltage` and `--pwr-current`. A board without such inputs ignores them.
-//!
-//! Faults are those of `--inject`: a lasting fault ends when it is named again. The text of
-//! `serial` can contain `\r`, `\n`, `\t`, `\\` and `\xNN`; a line end is not added. Error frames in
-//! a log (`20000008#...`) are skipped: no station sent them. [`candump`] has the forms of
-//! recordings.
-
-mod candump;
-mod line;
 
 use super::Link;
 use anyhow::{Context, Result, anyhow};
@@ -40,7 +13,7 @@ use std::collections::VecDeque;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-pub use line::{Action, BenchEvent, millivolts, parse};
+pub use bench::script::{Action, BenchEvent, RPM_MAX, millivolts, parse, rpm};
 
 /// Most bytes of a recording: hours of a full bus.
 const LONGEST: u64 = 1 << 30;
@@ -68,7 +41,7 @@ impl Script {
     pub fn open(path: &Path, bench: &mut Bench) -> Result<Script> {
         let bytes = sim_base::read_file(path, LONGEST)
             .with_context(|| format!("--script: cannot read {}", path.display()))?;
-        let text = candump::text(bytes)
+        let text = bench::script::text(bytes)
             .map_err(|error| anyhow!("--script: {}: {error}", path.display()))?;
         let lines = parse(&text)
             .map_err(|(line, error)| anyhow!("--script: {}:{line}: {error}", path.display()))?;

@@ -3,6 +3,7 @@
 //! The layout fits 80 columns by 24 rows. On a higher terminal it adds a dial for the servo. On a
 //! wider one it puts the serial monitor beside the traffic.
 
+use super::escs::Throttle;
 use super::keys;
 use super::pace::Measured;
 use super::popups;
@@ -279,12 +280,17 @@ fn link_lines(state: &State, rows: usize) -> Paragraph<'static> {
 }
 
 /// Output 2 and the further outputs, as long as one of them gives pulses: name, scale and pulse
-/// width of each.
+/// width of each, of a motor its throttle in per cent.
 fn output_lines(state: &State, columns: usize) -> Vec<Line<'static>> {
     let cell = |(number, width): (usize, Option<Cycles>)| {
+        let mut spans = vec![Span::from(format!(" OUT{number} "))];
+        if let Some(throttle) = width.and_then(|width| state.throttle_of(number, width)) {
+            spans.extend(throttle_bar(OUTPUT_TRACK, throttle));
+            spans.push(Span::from(format!(" {:>3.0}% ", throttle.percent)));
+            return spans;
+        }
         let us = width.map(micros);
         let width = us.map_or(String::from("-"), |us| format!("{us:.0}"));
-        let mut spans = vec![Span::from(format!(" OUT{number} "))];
         spans.extend(track(OUTPUT_TRACK, us));
         spans.push(Span::from(format!(" {width:>4} ")));
         spans
@@ -354,7 +360,13 @@ fn shaft_line(state: &State) -> Option<Line<'static>> {
 
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
     let Wiring { servo, sensor, .. } = &state.wiring;
-    let name = if state.output_widths().is_empty() { "Servo" } else { "OUT1" };
+    let throttle = state.throttle();
+    let is_motor = throttle.is_some() || state.escs.has(1);
+    let name = match (state.output_widths().is_empty(), is_motor) {
+        (true, false) => "Servo",
+        (true, true) => "Motor",
+        (false, _) => "OUT1",
+    };
     let block = Block::bordered().title(format!(" {name} ({servo}) and temperature ({sensor}) "));
     let inner = block.inner(area);
     frame.render_widget(block, area);
@@ -365,9 +377,20 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
             Span::from(format!("  period {:.3} ms", micros(period) / 1e3)),
         ]),
         (Some(pulse), None) => Line::from(format!("pulse {pulse:.1} us")).bold(),
+        (None, _) if is_motor => Line::styled("no pulse: the motor is off", WARN),
         (None, _) => Line::styled("no pulse: the servo is free", WARN),
     };
-    let angle = pulse_us.map_or(String::from("-"), |us| format!("{:+.1} deg", angle_degrees(us)));
+    let position = match throttle {
+        Some(Throttle { percent, is_oneshot125: true }) => {
+            format!("throttle {percent:.1} % (OneShot125)")
+        }
+        Some(Throttle { percent, .. }) => format!("throttle {percent:.1} %"),
+        None if is_motor => String::from("throttle -"),
+        None => {
+            let us = pulse_us.map(|us| format!("{:+.1} deg", angle_degrees(us)));
+            format!("angle {}", us.unwrap_or(String::from("-")))
+        }
+    };
     let measured = match (state.measured.temperature, state.measured.thesis_temperature_c) {
         (Some(measured), Some(thesis)) => format!("node {:.1} C, {thesis} C", measured.celsius()),
         (Some(measured), None) => format!("node {:.1} C", measured.celsius()),
@@ -379,17 +402,24 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
     };
     let mut lines = vec![
         pulse,
-        servo_bar(inner.width, pulse_us),
+        match throttle {
+            Some(throttle) => motor_bar(inner.width, throttle),
+            None => servo_bar(inner.width, pulse_us),
+        },
         match state.light_percent {
-            0 => Line::from(format!("angle {angle}  pulses {}", state.servo.count)),
+            0 => Line::from(format!("{position}  pulses {}", state.servo.count)),
             percent => {
                 let pin = state.wiring.light.map_or(String::new(), |pin| format!("({pin}) "));
-                Line::from(format!("angle {angle}  light {pin}{percent} %"))
+                Line::from(format!("{position}  light {pin}{percent} %"))
             }
         },
-        Line::from(format!("sensor {:.1} C  {measured}", state.sensor_c)),
+        if state.pins.is_empty() {
+            Line::from(format!("sensor {:.1} C  {measured}", state.sensor_c))
+        } else {
+            Line::from(format!("pins {}", state.pins.join("  ")))
+        },
     ];
-    if !with_dial {
+    if !with_dial || is_motor {
         return frame.render_widget(Paragraph::new(lines), inner);
     }
     lines.remove(1);
@@ -431,6 +461,23 @@ fn track(length: usize, pulse_us: Option<f64>) -> Vec<Span<'static>> {
         Span::from(cells[..place].iter().collect::<String>()),
         Span::styled("█", NODE),
         Span::from(cells[place + 1..].iter().collect::<String>()),
+    ]
+}
+
+/// The throttle on a scale: "0 |####------| 100 %".
+fn motor_bar(width: u16, throttle: Throttle) -> Line<'static> {
+    let mut spans = vec![Span::styled("   0 ", DIM)];
+    spans.extend(throttle_bar(usize::from(width).saturating_sub(12).max(3), throttle));
+    spans.push(Span::styled(" 100 %", DIM));
+    Line::from(spans)
+}
+
+/// The throttle as the filled part of `length` columns.
+fn throttle_bar(length: usize, throttle: Throttle) -> Vec<Span<'static>> {
+    let filled = (throttle.percent / 100.0 * length as f64).round() as usize;
+    vec![
+        Span::styled("█".repeat(filled), NODE),
+        Span::styled("─".repeat(length - filled.min(length)), DIM),
     ]
 }
 

@@ -1,6 +1,7 @@
 //! Tests of the live view, drawn into memory at the smallest size and at a large one.
 
 use super::*;
+use crate::ui::escs::Escs;
 use crate::ui::keys::Popup;
 use crate::ui::state::{AutopilotState, Event, Memory, battery_info};
 use bench::avr::Chip;
@@ -424,6 +425,31 @@ fn further_outputs_are_drawn_with_their_names_while_they_give_pulses() {
     state.advance_to(now + SECOND);
     let picture = drawn(&state, &Screen::default(), 120, 40);
     assert!(!picture.contains("OUT"), "{picture}");
+}
+
+#[test]
+fn motors_are_drawn_with_their_throttle_and_without_an_arm() {
+    let mut state = at_work();
+    let now = state.now;
+    // OneShot125: 40 % and, of OUT2 and OUT3, 0 and 100 %.
+    state.add_pulse(now, 175 * 16, Some(SECOND / 400));
+    state.set_output_pulses([Some((now, 125 * 16)), Some((now, 250 * 16))]);
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (160, 45)] {
+        let picture = drawn(&state, &Screen::default(), columns, rows);
+        shows(&picture, &["pulse 175.0 us", "throttle 40.0 % (OneShot125)", " 100 %"]);
+        shows(&picture, &[" OUT2 ────────   0% ", " OUT3 ████████ 100% "]);
+        assert!(!picture.contains("deg"), "{picture}");
+    }
+    // Normal pulses of a single output that --escs names.
+    let mut state = at_work();
+    state.escs = Escs::new(&[1]);
+    for (columns, rows) in [(COLUMNS_MIN, ROWS_MIN), (160, 45)] {
+        let picture = drawn(&state, &Screen::default(), columns, rows);
+        shows(&picture, &[" Motor (D10) ", "pulse 1750.0 us", "throttle 75.0 %  pulses"]);
+    }
+    state.advance_to(now + SECOND);
+    let picture = drawn(&state, &Screen::default(), COLUMNS_MIN, ROWS_MIN);
+    shows(&picture, &["no pulse: the motor is off", "throttle -"]);
 }
 
 #[test]

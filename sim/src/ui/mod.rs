@@ -9,7 +9,9 @@
 
 pub mod args;
 mod discharge;
+pub mod escs;
 pub mod findings;
+pub mod help;
 pub mod history;
 pub mod keys;
 pub mod live;
@@ -26,4 +28,3 @@ pub mod state;
 mod styles;
 pub mod terminal;
 pub mod traffic;
-pub mod wires;

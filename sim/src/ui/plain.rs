@@ -7,6 +7,7 @@
 //! are summed up: traffic each second, servo pulses each half second while they change, error
 //! frames and lost frames above five a second.
 
+use super::escs::Throttle;
 use super::pace::Measured;
 use super::state::{Event, State};
 use super::traffic::TrafficLine;
@@ -96,6 +97,7 @@ impl<W: Write> Plain<W> {
             Event::Link(text) => self.line(at, "link", &text),
             Event::Node(text) => self.line(at, "node", &text),
             Event::Light(percent) => self.line(at, "light", &format!("{percent} %")),
+            Event::Pin(text) => self.line(at, "pin", &text),
             Event::Crash(text) => self.line(at, "CRASH", &text),
             Event::Traffic(line) => self.print_transfer(at, line),
             Event::ErrorFrame(text) => {
@@ -141,7 +143,13 @@ impl<W: Write> Plain<W> {
             None => String::from("no pulse"),
         };
         self.last_pulse = Some(pulse);
-        self.line(state.now, "servo", &text)
+        match state.throttle() {
+            Some(Throttle { percent, is_oneshot125 }) => {
+                let kind = if is_oneshot125 { " of OneShot125" } else { "" };
+                self.line(state.now, "motor", &format!("throttle {percent:.1} %{kind}, {text}"))
+            }
+            None => self.line(state.now, if state.escs.has(1) { "motor" } else { "servo" }, &text),
+        }
     }
 
     fn print_outputs(&mut self, state: &State) -> io::Result<()> {
@@ -149,14 +157,25 @@ impl<W: Write> Plain<W> {
         if widths == self.last_outputs {
             return Ok(());
         }
-        let width = |width: &Option<Cycles>| {
-            width.map_or(String::from("-"), |width| format!("{:.1}", micros(width)))
+        let throttle_of = |(output, width): (usize, &Option<Cycles>)| {
+            width.and_then(|width| state.throttle_of(output, width))
         };
-        let texts = widths.iter().map(width).collect::<Vec<_>>().join(" ");
+        let has_motors = (2..).zip(&widths).any(|output| throttle_of(output).is_some());
+        let cell = |(output, width): (usize, &Option<Cycles>)| {
+            let Some(cycles) = *width else { return String::from("-") };
+            match throttle_of((output, width)) {
+                Some(throttle) => format!("{:.1} %", throttle.percent),
+                None if has_motors => format!("{:.1} us", micros(cycles)),
+                None => format!("{:.1}", micros(cycles)),
+            }
+        };
+        let texts = (2..).zip(&widths).map(cell).collect::<Vec<_>>();
+        let (texts, unit) =
+            if has_motors { (texts.join(", "), "") } else { (texts.join(" "), " us") };
         let text = match widths.len() {
-            0 => String::from("no pulse but the servo's"),
-            1 => format!("2: {texts} us"),
-            count => format!("2 to {}: {texts} us", count + 1),
+            0 => String::from("no pulse but that of output 1"),
+            1 => format!("2: {texts}{unit}"),
+            count => format!("2 to {}: {texts}{unit}", count + 1),
         };
         self.last_outputs = widths;
         self.line(state.now, "outputs", &text)
@@ -244,7 +263,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
         line("served within", format!("{:.1} us of the end of a frame", micros(worst)));
     }
     line(
-        "servo",
+        if state.escs.has(1) { "motor" } else { "servo" },
         match &state.autopilot {
             Some(autopilot) => {
                 format!("{} pulses for {} commands", state.servo.count, autopilot.commands_sent)
@@ -294,6 +313,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::escs::Escs;
     use super::super::state::Memory;
     use super::super::state::battery_info;
     use super::super::traffic::Origin;
@@ -386,6 +406,55 @@ mod tests {
     }
 
     #[test]
+    fn motors_are_printed_with_their_throttle() {
+        let fast = F_CPU_HZ / 400;
+        let slow = F_CPU_HZ / 50;
+        /// Pulses of output 1 and output 2 in us, period, outputs of --escs; lines.
+        type Case = ([u64; 2], u64, &'static [u8], [&'static str; 2]);
+        let cases: [Case; 4] = [
+            (
+                [1250, 2000],
+                fast,
+                &[],
+                [
+                    "motor   throttle 25.0 %, pulse 1250.0 us, period 2.500 ms",
+                    "outputs 2 to 3: 100.0 %, 100.0 %",
+                ],
+            ),
+            (
+                [175, 125],
+                slow,
+                &[],
+                [
+                    "motor   throttle 40.0 % of OneShot125, pulse 175.0 us, period 20.000 ms",
+                    "outputs 2 to 3: 0.0 %, 0.0 %",
+                ],
+            ),
+            (
+                [1500, 1100],
+                slow,
+                &[2],
+                ["servo   pulse 1500.0 us, period 20.000 ms", "outputs 2 to 3: 10.0 %, 1100.0 us"],
+            ),
+            (
+                [1500, 1100],
+                slow,
+                &[],
+                ["servo   pulse 1500.0 us, period 20.000 ms", "outputs 2 to 3: 1100.0 1100.0 us"],
+            ),
+        ];
+        for ([first, second], period, escs, lines) in cases {
+            let mut state = State::new(1_000_000);
+            state.escs = Escs::new(escs);
+            state.add_pulse(0, first * 16, Some(period));
+            state.set_output_pulses([Some((0, second * 16)); 2]);
+            let text = printed(&mut state, false);
+            let seen: Vec<&str> = text.lines().map(|line| line[14..].trim()).collect();
+            assert!(lines.iter().all(|line| seen.contains(line)), "{lines:?}: {text}");
+        }
+    }
+
+    #[test]
     fn further_outputs_and_the_circuit_are_printed_each_half_second_while_they_change() {
         let mut state = State::new(1_000_000);
         let mut out = Vec::new();
@@ -416,7 +485,7 @@ mod tests {
             "0.020000 outputs 2 to 4: 1000.0 - 1500.0 us",
             "1.020000 power   circuit 120 12.60 V 3.20 A",
             "1.520000 outputs 2 to 4: 1500.5 - 1500.0 us",
-            "2.120000 outputs no pulse but the servo's",
+            "2.120000 outputs no pulse but that of output 1",
         ];
         assert_eq!(lines, expected);
     }

@@ -8,15 +8,17 @@
 //! autopilot still gets its ACKs when the node's cable is pulled. Further boards and links can add
 //! stations. The scene serves the links at least each simulated millisecond.
 
-use super::args::{Args, RPM_MAX};
+use super::args::Args;
 use super::discharge::Discharge;
-use super::findings::Findings;
+use super::escs::Escs;
+use super::findings::{Findings, Said};
 use super::pace::Speed;
 use super::state::{AutopilotState, Controller, Event, State};
 use crate::fault::{Fault, Injection};
 use crate::links::Link;
-use crate::links::script::{BenchEvent, Script};
+use crate::links::script::{BenchEvent, RPM_MAX, Script};
 use crate::node_ids;
+use crate::pins::Watched;
 use crate::usage::OrUsage;
 use anyhow::{Context, Result};
 use bench::autopilot::{Autopilot, Moves, Settings};
@@ -25,8 +27,10 @@ use bench::board::Board;
 use bench::budget::{Budget, PAINT};
 use bench::can::{self, PortId};
 use bench::dronecan::text::visible;
+use bench::i2c;
 use bench::inject::{Injector, Target};
 use bench::mcp2515::Fate;
+use bench::pins::Setting;
 use bench::wiring::Wiring;
 use bench::{Bench, node_elf};
 use bench::{Cycles, F_CPU_HZ};
@@ -85,6 +89,9 @@ pub struct Scene {
     /// the driver's mistakes.
     is_chip_disturbed: bool,
     discharge: Option<Discharge>,
+    watched: Vec<Watched>,
+    /// The devices on the two-wire bus of the node's board.
+    i2c: i2c::Devices,
 }
 
 impl Scene {
@@ -128,7 +135,7 @@ impl Scene {
         let nothing = Firmware::default();
         let first = if args.links.no_program { &nothing } else { firmware };
         let powered = |program: &Firmware, seed: u64| {
-            let mut avr = Avr::programmed(wiring.chip, program)?;
+            let mut avr = Avr::programmed_on(args.processor.into(), wiring.chip, program)?;
             avr.seed(seed);
             if let Some(loader) = &loader {
                 avr.install_bootloader(loader)?;
@@ -178,7 +185,12 @@ impl Scene {
             .map(|path| Script::open(path, &mut bench))
             .transpose()
             .or_usage()?;
-        let links = args.links.open(&mut bench, &boards)?;
+        for setting in &args.set {
+            setting.check(&wiring).or_usage()?;
+        }
+        let watched: Vec<Watched> =
+            args.watch.iter().map(|pin| Watched::attach(*pin, bench.board(node))).collect();
+        let links = args.links.open(&mut bench, &boards, &args.watch)?;
         let mut injections: Vec<_> = args.inject.clone();
         injections.sort_by_key(|injection| injection.at);
 
@@ -198,6 +210,7 @@ impl Scene {
             bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
         state.report(0, Event::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
         state.wiring = wiring;
+        state.escs = Escs::new(&args.escs);
         let mut scene = Scene {
             node_port: bench.port(node),
             bench,
@@ -225,10 +238,26 @@ impl Scene {
                 let [full_mv, _] = circuit_inputs_mv;
                 Discharge::new(full_mv, minutes)
             }),
+            watched,
+            i2c: i2c::Devices::default(),
         };
+        if !knows_vendor_code {
+            scene.findings.watch_selects(scene.bench.board(node));
+        }
         scene.set_temperature(args.temperature);
         scene.set_circuit_inputs(circuit_inputs_mv);
         scene.set_shaft(shaft_rpm);
+        for setting in &args.set {
+            setting.apply(scene.board());
+        }
+        for setting in &args.i2c {
+            scene.i2c.set(setting);
+        }
+        let devices = scene.i2c.clone();
+        scene.board().avr_mut().connect_twi(Box::new(devices));
+        for text in scene.watched.iter().map(Watched::text) {
+            scene.state.report(0, Event::Pin(text));
+        }
         scene.collect()?;
         scene.update_links();
         scene.report_links(args);
@@ -331,7 +360,19 @@ impl Scene {
             }
             BenchEvent::Button(pressed) => self.board().press_button(pressed),
             BenchEvent::Fault(fault) => self.inject(fault),
+            BenchEvent::Set(setting) => self.set_pin(setting),
+            BenchEvent::I2c(setting) => self.i2c.set(&setting),
+            BenchEvent::Shaft(rpm) => self.set_shaft(rpm),
             BenchEvent::Serial(bytes) => self.board().avr_mut().serial_send(&bytes),
+        }
+    }
+
+    /// Applies a level to a pin, unless the bench itself drives it.
+    fn set_pin(&mut self, setting: Setting) {
+        let now = self.now();
+        match setting.check(&self.state.wiring) {
+            Ok(()) => setting.apply(self.board()),
+            Err(error) => self.state.report(now, Event::Pin(format!("not set: {error}"))),
         }
     }
 
@@ -553,8 +594,11 @@ impl Scene {
         for (at, byte) in &serial {
             self.state.push_serial_byte(*at, *byte);
         }
-        for hint in self.findings.check(board, self.state.bus.bit_rate, !serial.is_empty()) {
-            self.state.add_hint(now, hint);
+        for said in self.findings.check(board, self.state.bus.bit_rate, !serial.is_empty()) {
+            match said {
+                Said::Hint(text) => self.state.add_hint(now, text),
+                Said::Note(text) => self.state.report(now, Event::Board(text)),
+            }
         }
         self.state.spi = board.spi_use();
         for link in &mut self.links {
@@ -568,6 +612,12 @@ impl Scene {
             outputs.map(|pulses| pulses.last().map(|pulse| (pulse.start, pulse.width_cycles))),
         );
         self.state.set_light(now, board.light());
+        for watched in &mut self.watched {
+            for (at, text) in watched.take(now) {
+                self.state.report(at, Event::Pin(text));
+            }
+        }
+        self.state.pins = self.watched.iter().map(Watched::text).collect();
         for violation in board.take_violations() {
             let text = format!("{}: {}", violation.source, violation.text);
             if self.is_chip_disturbed {

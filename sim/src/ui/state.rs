@@ -4,6 +4,7 @@
 //! it, the live view draws it, and the plain view prints its events. Histories are bounded;
 //! counters are not.
 
+use super::escs::{Escs, Throttle};
 use super::history::Log;
 use super::measured::Measured;
 use super::mistakes::Mistakes;
@@ -71,6 +72,8 @@ pub enum Event {
     Node(String),
     /// The light's new brightness, in per cent.
     Light(u32),
+    /// A watched pin has changed, or a pin was set.
+    Pin(String),
 }
 
 /// Pulses on the servo output.
@@ -193,11 +196,15 @@ pub struct State {
     /// The board of the node under test.
     pub wiring: Wiring,
     pub servo: Servo,
+    /// The outputs with an ESC.
+    pub escs: Escs,
     /// Start and width of the last pulse of output 2 and each further output; empty if the board
     /// has one output.
     pub outputs: Vec<Option<(Cycles, Cycles)>>,
     /// Brightness of the light, in per cent.
     pub light_percent: u32,
+    /// The watched pins and their levels.
+    pub pins: Vec<String>,
     /// Temperature at the sensor, in degrees Celsius.
     pub sensor_c: f64,
     /// Millivolts at the inputs for the voltage and the current of the circuit.
@@ -246,6 +253,8 @@ pub struct State {
     pub active_faults: Vec<Fault>,
     serial_line: Option<(Cycles, String)>,
     observer: Observer,
+    /// The nodes that have sent a whole transfer of a known type, as bits: they speak DroneCAN.
+    speakers: u128,
     events: Vec<(Cycles, Event)>,
 }
 
@@ -297,6 +306,17 @@ impl State {
     pub fn output_widths(&self) -> Vec<Option<Cycles>> {
         let count = self.outputs.iter().rposition(Option::is_some).map_or(0, |last| last + 1);
         self.outputs[..count].iter().map(|output| output.map(|(_, width)| width)).collect()
+    }
+
+    /// The throttle of output 1; `None` if it has a servo or no pulse.
+    pub fn throttle(&self) -> Option<Throttle> {
+        self.servo.pulse.and_then(|width| self.escs.throttle(1, width, self.servo.period))
+    }
+
+    /// The throttle of an output with this pulse; `None` if it has a servo. All outputs have the
+    /// same period.
+    pub fn throttle_of(&self, output: usize, width: Cycles) -> Option<Throttle> {
+        self.escs.throttle(output as u8, width, self.servo.period)
     }
 
     /// Adds a whole servo pulse.
@@ -487,13 +507,13 @@ impl State {
         let transfer = match self.observer.push(id, frame.data(), bench::elapsed(at)) {
             // Frames of other protocols can look like parts of a transfer, or like a whole one.
             Observation::Partial if data_type.is_none() && self.dialect == Dialect::V0 => {
-                return self.add_foreign(at, station, frame, "no known type of DroneCAN");
+                return self.add_foreign(at, station, frame, self.without_known_type(id));
             }
             Observation::Complete(Decoded::V0(..)) if data_type.is_none() => {
-                return self.add_foreign(at, station, frame, "no known type of DroneCAN");
+                return self.add_foreign(at, station, frame, self.without_known_type(id));
             }
             Observation::Partial => return,
-            Observation::Invalid(why) if data_type.is_some() => {
+            Observation::Invalid(why) if data_type.is_some() && self.is_speaker(id) => {
                 let who = station.unwrap_or("-");
                 return self.add_broken(at, who, "invalid frame", format!("{frame} {why}"));
             }
@@ -502,6 +522,7 @@ impl State {
             }
             Observation::Complete(transfer) => transfer,
         };
+        self.speakers |= 1 << (id & 0x7F);
         if let Some((source, status, mut text)) = status_in(&transfer) {
             if from_node && self.knows_vendor_code && status.vendor_code != 0 {
                 text += &format!(": {}", vendor_code::conditions(status.vendor_code).join(", "));
@@ -531,6 +552,17 @@ impl State {
 
     /// Adds a frame that is not part of a known DroneCAN transfer. Other protocols may share the
     /// bus, so this is not an error.
+    /// True if the sender of a frame speaks DroneCAN. Frames of other protocols with 29 bits, such
+    /// as J1939 and CANopen, may have the identifier of a known type. In the draft of 2014 the
+    /// sender is elsewhere in the identifier, so there each does.
+    fn is_speaker(&self, id: u32) -> bool {
+        self.dialect != Dialect::V0 || self.speakers >> (id & 0x7F) & 1 != 0
+    }
+
+    fn without_known_type(&self, id: u32) -> &'static str {
+        if self.is_speaker(id) { "of an unknown type" } else { "not DroneCAN: no known type" }
+    }
+
     fn add_foreign(&mut self, at: Cycles, station: Option<&str>, frame: &Frame, why: &str) {
         let text = format!("CAN frame {frame} ({why})");
         let (who, name) = (station.unwrap_or("-").to_owned(), String::from("CAN frame"));
@@ -816,16 +848,26 @@ mod tests {
 
     /// Other protocols may use identifiers and last bytes that look like a transfer's.
     #[test]
-    fn frames_of_unknown_types_are_shown_as_they_are() {
+    fn frames_of_other_protocols_are_not_dronecan() {
         let mut state = State::new(1_000_000);
-        // Of one frame, the first of several, and one that continues.
-        for tail in [0xC1, 0x81, 0x21] {
-            state.add_record(&record(16_000, 0x18FE_F12A, &[0xAA, tail]), false, Some("other"));
-            let line = state.traffic.last().unwrap();
-            let start = format!("CAN frame 18FEF12A#AA{tail:02X} (");
-            assert!(line.text.starts_with(&start), "{}", line.text);
-            assert_eq!(line.who, "other");
+        let mut shown = |id, data: &[u8]| {
+            state.add_record(&record(16_000, id, data), false, Some("other"));
+            state.traffic.last().unwrap().text.clone()
+        };
+        // J1939's EEC1 and VD. The last bytes are those of one frame, of the first of several, and
+        // of one that continues.
+        for id in [0x0CF0_0400, 0x18FE_E017] {
+            for tail in [0xC1, 0x81, 0x21] {
+                let text = shown(id, &[0xAA, tail]);
+                assert!(text.contains("(not DroneCAN: "), "{id:08X} {tail:02X}: {text}");
+            }
         }
+        // The identifier of NodeStatus, from a station that has never sent a whole one.
+        let text = shown(0x1801_552A, &[0xAA, 0x21]);
+        assert!(text.starts_with("CAN frame 1801552A#AA21 (not DroneCAN: "), "{text}");
+        // A node that has sent NodeStatus has types of its maker, too.
+        shown(0x1801_550A, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
+        assert_eq!(shown(0x184E_8A0A, &[1, 0xC0]), "CAN frame 184E8A0A#01C0 (of an unknown type)");
     }
 
     #[test]

@@ -107,6 +107,9 @@ impl Autopilot {
             Task::Motors => {
                 self.next_motors_at += F_CPU_HZ / u64::from(self.settings.motor_rate_hz.max(1));
                 let Some(Motors { priority, idle }) = profile.motors() else { return Vec::new() };
+                if self.omits() {
+                    return Vec::new();
+                }
                 self.broadcast(&self.motor_command(at, idle), priority)
             }
             Task::Notify => {
@@ -190,19 +193,11 @@ impl Autopilot {
         let Some(array) = profile.array() else {
             return Some(Message::ArrayCommand(vec![self.actuator_command(actuator, deflection)]));
         };
-        let omits = self.settings.omits_disarmed && !self.armed;
+        let omits = self.omits();
         let is_commanded = |id: &u8| !omits || (moves == Moves::One && *id != actuator);
         let ids = (array.first..array.first + servos).filter(is_commanded);
         let all = ids.map(|id| {
-            let index = id - array.first;
-            let moving = match moves {
-                Moves::All => self.deflection_ahead(at, f64::from(index) / f64::from(servos)),
-                Moves::One if id == actuator => deflection,
-                // Each other actuator holds another position, so that a node that listens to a
-                // wrong ID is noticed.
-                Moves::One => 2.0 * f64::from(index + 1) / f64::from(servos + 1) - 1.0,
-            };
-            let deflection = self.held.get(&id).copied().unwrap_or(moving);
+            let deflection = self.deflection_of(id, at);
             // ArduPilot and PX4 calculate a pulse width in whole microseconds first, and convert it
             // to a deflection.
             let pulse_us = (PWM_CENTRE_US + deflection * PWM_HALF_TRAVEL_US).round();
@@ -212,12 +207,33 @@ impl Autopilot {
         (!all.is_empty()).then_some(Message::ArrayCommand(all))
     }
 
+    /// Commanded deflection at `at` of an actuator, -1 to +1. An autopilot without lists commands
+    /// that of its settings only.
+    pub fn deflection_of(&self, id: u8, at: Cycles) -> f64 {
+        let Settings { profile, actuator, moves, servos, .. } = self.settings;
+        let Some(array) = profile.array().filter(|_| moves == Moves::All || id != actuator) else {
+            return self.own_deflection(at);
+        };
+        let index = id.saturating_sub(array.first);
+        let moving = match moves {
+            Moves::All => self.deflection_ahead(at, f64::from(index) / f64::from(servos)),
+            // Each other actuator holds another position, so that a node that listens to a wrong ID
+            // is noticed.
+            Moves::One => 2.0 * f64::from(index + 1) / f64::from(servos + 1) - 1.0,
+        };
+        self.held.get(&id).copied().unwrap_or(moving)
+    }
+
+    /// True if what moves is left out of the commands now.
+    fn omits(&self) -> bool {
+        self.settings.omits_disarmed && !self.armed
+    }
+
     /// Motors are off while disarmed. While armed, deflection -1 gives `idle`, and +1 full power.
     fn motor_command(&self, at: Cycles, idle: i16) -> Message {
         let motors = self.settings.motors;
         let command = |index: u8| {
-            let deflection = self.deflection_ahead(at, f64::from(index) / f64::from(motors));
-            let power = (deflection + 1.0) / 2.0 * f64::from(esc::FULL_POWER);
+            let power = self.motor_power(index, at) * f64::from(esc::FULL_POWER);
             if self.armed { (power.round() as i16).max(idle) } else { 0 }
         };
         Message::RawCommand((0..motors).map(command).collect())

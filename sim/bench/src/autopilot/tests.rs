@@ -224,6 +224,20 @@ fn motor_commands(autopilot: &mut Autopilot, until: Cycles) -> Vec<(u64, Vec<i16
 }
 
 #[test]
+fn a_held_motor_has_its_power_until_the_next_sweep_and_late_motors_send_no_burst() {
+    let mut autopilot = Autopilot::new(Settings::of(Profile::Ardupilot), 1_000_000);
+    assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ), []);
+    autopilot.set_motors(2, F_CPU_HZ);
+    autopilot.hold_motor(1, 0.5);
+    let commands = motor_commands(&mut autopilot, F_CPU_HZ * 3 / 2);
+    assert!((20..=30).contains(&commands.len()), "{}", commands.len());
+    assert!(commands.iter().all(|(_, powers)| powers[1] == 4096), "{commands:?}");
+    autopilot.sweep(F_CPU_HZ * 3 / 2);
+    let commands = motor_commands(&mut autopilot, 2 * F_CPU_HZ);
+    assert!(commands.iter().any(|(_, powers)| powers[1] != 4096), "{commands:?}");
+}
+
+#[test]
 fn motors_are_off_while_disarmed_and_follow_the_motion_while_armed() {
     for (profile, idle) in [(Profile::Ardupilot, 0), (Profile::Px4, 1)] {
         let mut autopilot =
@@ -239,6 +253,19 @@ fn motors_are_off_while_disarmed_and_follow_the_motion_while_armed() {
         assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 10)[0], (75, vec![8191, idle]));
         assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ * 11 / 10).len(), 50);
     }
+}
+
+/// As ArduPilot with `ARMING_REQUIRE` 2, whose next ArmingStatus says it up to 500 ms later.
+#[test]
+fn commands_for_motors_stop_at_once_with_arming_if_the_actuators_that_move_are_left_out() {
+    let settings = Settings { motors: 3, omits_disarmed: true, ..Settings::of(Profile::Ardupilot) };
+    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ * 6 / 10).len(), 30);
+    autopilot.set_armed(false);
+    assert!(motor_commands(&mut autopilot, F_CPU_HZ).is_empty());
+    assert_eq!(times_of(&mut autopilot, 0x1804_4C0A, 2 * F_CPU_HZ), [1012, 1512]);
+    autopilot.set_armed(true);
+    assert_eq!(motor_commands(&mut autopilot, 3 * F_CPU_HZ).len(), 50);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Boards whose processor is simavr.
+//! Boards whose processor is that of `avr-model`.
 
 use std::path::Path;
 

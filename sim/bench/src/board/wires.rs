@@ -57,6 +57,37 @@ pub enum WireEvent {
     Serial(SerialCharacter),
 }
 
+/// A wire between the processor and the MCP2515.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Wire {
+    Cs,
+    Int,
+    Si,
+    So,
+    Sck,
+}
+
+/// A wrong wire. A pin of the processor that nothing drives reads as its pull-up: INT has one. SO
+/// has none, so its level is part of [`Board::set_wrong_wire`](super::Board::set_wrong_wire). CS of
+/// the MCP2515 has one, too.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum WrongWire {
+    Open(Wire),
+    Low(Wire),
+    High(Wire),
+    Swapped(Wire, Wire),
+}
+
+impl WrongWire {
+    /// True if the fault is one of this wire.
+    fn is_of(self, wire: Wire) -> bool {
+        match self {
+            WrongWire::Open(one) | WrongWire::Low(one) | WrongWire::High(one) => one == wire,
+            WrongWire::Swapped(one, other) => one == wire || other == wire,
+        }
+    }
+}
+
 /// The wires between the two chips.
 pub(super) struct Wires {
     pub chip: Rc<RefCell<Mcp2515>>,
@@ -69,6 +100,8 @@ pub(super) struct Wires {
     pub stuck_miso: Cell<Option<u8>>,
     /// Level of INT while INT is shorted.
     pub stuck_int: Cell<Option<bool>>,
+    /// The wrong wire, and the byte that SO reads while nothing drives it.
+    pub wrong: Cell<Option<(WrongWire, u8)>>,
     noise_per_million: Cell<u32>,
     noise: RefCell<Noise>,
     pub violations: RefCell<Vec<Violation>>,
@@ -102,6 +135,7 @@ impl Wires {
             dead_miso: Cell::new(None),
             stuck_miso: Cell::new(None),
             stuck_int: Cell::new(None),
+            wrong: Cell::new(None),
             noise_per_million: Cell::new(0),
             noise: RefCell::new(Noise::new(0)),
             violations: RefCell::default(),
@@ -129,7 +163,11 @@ impl Wires {
 
     pub fn update_int(&self, at: Cycles) {
         let level = self.dead_miso.get().is_some() || self.chip.borrow().int_pin();
-        let level = self.stuck_int.get().unwrap_or(level);
+        let level = match self.wrong.get() {
+            Some((WrongWire::Low(Wire::Int), _)) => false,
+            Some((wrong, _)) if wrong.is_of(Wire::Int) => true,
+            _ => self.stuck_int.get().unwrap_or(level),
+        };
         if self.int_level.replace(level) != level {
             self.record(at, WireEvent::Int(level));
             (self.int)(level);
@@ -142,6 +180,17 @@ impl Wires {
         self.spi_use
             .set(SpiUse { selects: so_far.selects + u64::from(!level && !was_selected), ..so_far });
         self.record(at, WireEvent::Cs(level));
+        self.select(level, at);
+    }
+
+    /// Gives CS of the MCP2515 the level that its wire has if the processor's pin has this level.
+    pub fn select(&self, level: bool, at: Cycles) {
+        let level = match self.wrong.get() {
+            Some((WrongWire::Low(Wire::Cs), _)) => false,
+            // A line that changes within each byte selects the chip for no whole byte.
+            Some((wrong, _)) if wrong.is_of(Wire::Cs) => true,
+            _ => level,
+        };
         if self.dead_miso.get().is_none() {
             let mut chip = self.chip.borrow_mut();
             if level {
@@ -155,7 +204,7 @@ impl Wires {
     }
 
     fn begin_byte(&self, at: Cycles) {
-        if self.dead_miso.get().is_none() {
+        if self.dead_miso.get().is_none() && self.has_clock() {
             self.chip.borrow_mut().begin_byte(at);
         }
     }
@@ -182,9 +231,37 @@ impl Wires {
             self.violations.borrow_mut().push(Violation { at: byte.end, source: "board", text });
             return 0xFF;
         }
-        let miso = self.chip.borrow_mut().end_byte(byte.mosi, byte.end);
+        let Some((wrong, undriven)) = self.wrong.get() else {
+            let miso = self.chip.borrow_mut().end_byte(byte.mosi, byte.end);
+            self.update_int(byte.end);
+            return self.with_noise(self.stuck_miso.get().unwrap_or(miso));
+        };
+        if !self.has_clock() {
+            return undriven;
+        }
+        let mosi = match wrong {
+            WrongWire::Low(Wire::Si) => 0x00,
+            WrongWire::High(Wire::Si) => 0xFF,
+            wrong if wrong.is_of(Wire::Si) => undriven,
+            _ => byte.mosi,
+        };
+        let miso = self.chip.borrow_mut().end_byte(mosi, byte.end);
         self.update_int(byte.end);
-        self.with_noise(self.stuck_miso.get().unwrap_or(miso))
+        match wrong {
+            WrongWire::Low(Wire::So) => 0x00,
+            WrongWire::High(Wire::So) => 0xFF,
+            // INT is high unless the chip, which works, has received a frame.
+            WrongWire::Swapped(Wire::Int, Wire::So) if self.chip.borrow().int_pin() => 0xFF,
+            WrongWire::Swapped(Wire::Int, Wire::So) => 0x00,
+            wrong if wrong.is_of(Wire::So) || wrong.is_of(Wire::Si) => undriven,
+            wrong if wrong.is_of(Wire::Cs) && wrong != WrongWire::Low(Wire::Cs) => undriven,
+            _ => miso,
+        }
+    }
+
+    /// True if the MCP2515 gets a clock.
+    fn has_clock(&self) -> bool {
+        !self.wrong.get().is_some_and(|(wrong, _)| wrong.is_of(Wire::Sck))
     }
 
     fn with_noise(&self, byte: u8) -> u8 {

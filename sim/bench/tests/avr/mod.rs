@@ -2,12 +2,19 @@
 
 #![allow(dead_code, reason = "each test file uses some of these")]
 
+use std::path::Path;
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use anyhow::Result;
 use bench::F_CPU_HZ;
-use bench::avr::{Avr, Chip, Firmware, ResetCause, Violation};
+use bench::avr::{Avr, Chip, Engine, Firmware, ResetCause, Violation};
+
+/// The engine of all tests of a test program: `avr_on_own_core` has the tests of the others again.
+pub const ENGINE: Engine = match env!("CARGO_CRATE_NAME").as_bytes() {
+    b"avr_on_own_core" => Engine::Own,
+    _ => Engine::Simavr,
+};
 
 /// CPU cycles of a millisecond.
 pub const MS: u64 = F_CPU_HZ / 1000;
@@ -25,7 +32,17 @@ pub fn program(name: &str, defines: &[&str]) -> Avr {
 /// on.
 #[track_caller]
 pub fn program_for(chip: Chip, name: &str, defines: &[&str]) -> Avr {
-    Avr::with_firmware(&firmware_for(chip, name, defines)).expect("a program that fits")
+    with_firmware(&firmware_for(chip, name, defines)).expect("a program that fits")
+}
+
+/// A chip with a program, just powered on.
+pub fn with_firmware(firmware: &Firmware) -> Result<Avr> {
+    Avr::programmed_on(ENGINE, firmware.chip()?.unwrap_or_default(), firmware)
+}
+
+/// A chip with erased flash, just powered on.
+pub fn blank(chip: Chip) -> Avr {
+    Avr::blank_on(ENGINE, chip).expect("a chip")
 }
 
 /// Compiles `tests/avr/<name>.c` as a bootloader at byte address `start`. Returns a chip with the
@@ -35,7 +52,7 @@ pub fn bootloader_for(chip: Chip, start: usize, name: &str, defines: &[&str]) ->
     let section = format!("-Wl,--section-start=.text={start:#x}");
     let firmware = compile(chip, name, defines, &[&section]).expect("an ELF file");
     assert_eq!(firmware.boot_section(chip).expect("a bootloader"), start);
-    let mut avr = Avr::programmed(chip, &firmware).expect("a program that fits");
+    let mut avr = Avr::programmed_on(ENGINE, chip, &firmware).expect("a program that fits");
     avr.set_reset_vector(start as u32);
     avr.reset(ResetCause::PowerOn);
     avr
@@ -55,23 +72,54 @@ pub fn read(chip: Chip, name: &str, defines: &[&str]) -> Result<Firmware> {
 
 #[track_caller]
 fn compile(chip: Chip, name: &str, defines: &[&str], options: &[&str]) -> Result<Firmware> {
+    build("avr-gcc", |line| {
+        line.arg(format!("-mmcu={}", chip.name()))
+            .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+            .args(defines.iter().map(|define| format!("-D{define}")))
+            .args(options)
+            .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.c")));
+    })
+}
+
+/// Compiles `tests/avr/<name>.cpp` with Arduino's core and its library Wire. Returns an Uno with
+/// it, just powered on.
+#[track_caller]
+pub fn sketch(name: &str) -> Avr {
+    let arduino = Path::new("/usr/share/arduino/hardware/arduino/avr");
+    assert!(arduino.exists(), "arduino-core-avr is missing: \"make test\" installs it");
+    let folders = ["cores/arduino", "variants/standard", "libraries/Wire/src"];
+    let core = "main.cpp hooks.c wiring.c wiring_digital.c Print.cpp Stream.cpp abi.cpp";
+    let firmware = build("avr-gcc", |line| {
+        line.args([
+            "-mmcu=atmega328p",
+            "-std=gnu++11",
+            "-DF_CPU=16000000UL",
+            "-DARDUINO=10819",
+            "-Os",
+            "-w",
+        ])
+        .args(["-fpermissive", "-ffunction-sections", "-Wl,--gc-sections"])
+        .args(folders.map(|folder| format!("-I{}", arduino.join(folder).display())))
+        .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.cpp")))
+        .args(core.split(' ').map(|file| arduino.join(folders[0]).join(file)))
+        .args(["Wire.cpp", "utility/twi.c"].map(|file| arduino.join(folders[2]).join(file)));
+    });
+    Avr::with_firmware(&firmware.expect("an ELF file")).expect("a program that fits")
+}
+
+/// Calls a compiler in a directory of its own, and reads what it makes.
+#[track_caller]
+fn build(compiler: &str, arguments: impl FnOnce(&mut Command)) -> Result<Firmware> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let unique = format!("sim-avr-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
     let directory = std::env::temp_dir().join(unique);
     std::fs::create_dir_all(&directory).expect("a temporary directory");
     let elf = directory.join("program.elf");
-    let source = bench::root().join(format!("sim/bench/tests/avr/{name}.c"));
-    let compiled = Command::new("avr-gcc")
-        .arg(format!("-mmcu={}", chip.name()))
-        .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
-        .args(defines.iter().map(|define| format!("-D{define}")))
-        .args(options)
-        .arg(&source)
-        .arg("-o")
-        .arg(&elf)
-        .status()
-        .expect("avr-gcc, which the Makefile installs");
-    assert!(compiled.success(), "{} does not compile", source.display());
+    let mut line = Command::new(compiler);
+    arguments(&mut line);
+    let compiled = line.arg("-o").arg(&elf).status();
+    let compiled = compiled.unwrap_or_else(|error| panic!("{compiler}: {error}: make test"));
+    assert!(compiled.success(), "{line:?} fails");
     let firmware = Firmware::read(&elf);
     std::fs::remove_dir_all(&directory).expect("the temporary directory removed");
     firmware

@@ -1,6 +1,7 @@
 /* A typical program for an Arduino Uno with a blue MCP2515 module: CS on D10, crystal of 8 MHz, 500 kbit/s. It sends a frame
  * each 100 ms, and a line on the serial port. It uses only avr-libc.
- * UBRR: baud rate register of the serial port. MODE: mode of the controller. SD_CARD: also sends bytes to another device on the
+ * UBRR: baud rate register of the serial port. MODE: mode of the controller. LISTENER: sends no frame, and fetches those of
+ * others from RXB0. SD_CARD: also sends bytes to another device on the
  * SPI, with its CS on D8. INT_ON_D3: the controller's INT requests an interrupt, and the program waits for it on D3. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
@@ -20,6 +21,10 @@
 #define CNF1 0x2A
 #define TXB0CTRL 0x30
 #define TXREQ 0x08
+#define RXB0CTRL 0x60
+#define READ_RXB0 0x90
+#define CANINTF 0x2C
+#define RX0IF 0x01
 #define ID 0x123
 #ifndef UBRR
 #define UBRR 8
@@ -101,6 +106,18 @@ static void send(uint8_t count)
     instruct(RTS_TXB0);
 }
 
+#ifdef LISTENER
+/* Fetches a frame, which frees RXB0. */
+static void listen(void)
+{
+    if (!(read(CANINTF) & RX0IF)) { return; }
+    select();
+    exchange(READ_RXB0);
+    for (uint8_t byte = 0; byte < 13; byte++) { exchange(0); }
+    deselect();
+}
+#endif
+
 static void ask_sd_card(void)
 {
 #ifdef SD_CARD
@@ -130,6 +147,9 @@ int main(void)
     write(CNF1, 0x00);
     write(CNF2, 0x90);
     write(CNF3, 0x82);
+#ifdef LISTENER
+    write(RXB0CTRL, 0x60);
+#endif
 #ifdef INT_ON_D3
     write(CANINTE, TX0IE);
     EICRA = _BV(ISC11);
@@ -139,6 +159,9 @@ int main(void)
     while ((read(CANSTAT) & 0xE0) != MODE) { }
     serial("CAN started\n");
 
+#ifdef LISTENER
+    for (;;) { listen(); }
+#endif
     uint32_t next = millis();
     for (uint8_t count = 0;; count++) {
         while ((int32_t)(millis() - next) < 0) { }

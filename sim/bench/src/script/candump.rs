@@ -10,8 +10,8 @@
 //! text (`-a`) behind it. Other forms are refused with the option to use: differences of times
 //! (`-td`), dates (`-tA`), no times, binary digits (`-i`), swapped bytes (`-S`), colours (`-c`).
 
-use bench::Cycles;
-use bench::can::Frame;
+use crate::Cycles;
+use crate::can::Frame;
 
 /// Flag in the identifier of an error frame in candump's format.
 const CAN_ERR_FLAG: u32 = 1 << 29;
@@ -182,8 +182,8 @@ fn parsed(id: &str, body: &str, text: &str) -> Result<Option<Frame>, String> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::line::{Action, parse};
     use super::*;
+    use crate::script::{Action, parse};
 
     /// The frames of a recording, in candump's notation.
     fn frames(text: &str) -> Result<Vec<String>, String> {

@@ -5,7 +5,7 @@
 //!
 //! Source: IEEE 1364-2005, section 18.2, "Format of the four-state VCD file".
 
-use bench::{Cycles, F_CPU_HZ};
+use crate::{Cycles, F_CPU_HZ};
 use std::io::{self, Write};
 
 /// Units of the time scale in a second: 100 ps, the coarsest power of ten that divides a cycle of
@@ -38,9 +38,33 @@ pub enum Wire {
     Out6,
     Out7,
     Out8,
+    /// The pins of `--watch`.
+    Pin1,
+    Pin2,
+    Pin3,
+    Pin4,
+    Pin5,
+    Pin6,
+    Pin7,
+    Pin8,
 }
 
-/// The names of the wires in the file.
+/// The pins of `--watch`, in its order. In the file they have the names of the pins.
+pub const PINS: [Wire; 8] = [
+    Wire::Pin1,
+    Wire::Pin2,
+    Wire::Pin3,
+    Wire::Pin4,
+    Wire::Pin5,
+    Wire::Pin6,
+    Wire::Pin7,
+    Wire::Pin8,
+];
+
+/// Number of wires.
+pub const WIRES: usize = NAMES.len() + PINS.len();
+
+/// The names of the wires in the file, without the pins.
 pub const NAMES: [(Wire, &str); 16] = [
     (Wire::Can, "CAN"),
     (Wire::Cs, "CS"),
@@ -61,7 +85,7 @@ pub const NAMES: [(Wire, &str); 16] = [
 ];
 
 /// Levels of all wires.
-pub type Levels = [Level; NAMES.len()];
+pub type Levels = [Level; WIRES];
 
 impl Wire {
     /// Identifier code of the wire in the file.
@@ -110,13 +134,18 @@ pub struct Writer<W: Write> {
 }
 
 impl<W: Write> Writer<W> {
-    /// Writes the header and the levels of `wires` at `start`.
-    pub fn new(out: W, start: Cycles, wires: &[Wire], levels: Levels) -> io::Result<Writer<W>> {
+    /// Writes the header, and the levels at `start` of wires with their names.
+    pub fn new(
+        out: W,
+        start: Cycles,
+        named: &[(Wire, String)],
+        levels: Levels,
+    ) -> io::Result<Writer<W>> {
         let mut header = String::from(
             "$comment Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units. \
              $end\n$timescale 100 ps $end\n$scope module node $end\n",
         );
-        for (wire, name) in NAMES.iter().filter(|(wire, _)| wires.contains(wire)) {
+        for (wire, name) in named {
             header += &format!("$var wire 1 {} {name} $end\n", wire.code() as char);
         }
         header += &format!(
@@ -124,11 +153,11 @@ impl<W: Write> Writer<W> {
             start * UNITS_PER_CYCLE
         );
         let mut text = header.into_bytes();
-        for wire in wires {
+        for (wire, _) in named {
             text.extend([levels[*wire as usize].code(), wire.code(), b'\n']);
         }
         text.extend(b"$end\n");
-        let wires = wires.to_vec();
+        let wires = named.iter().map(|(wire, _)| *wire).collect();
         let mut writer =
             Writer { out, text, bytes: 0, pending: Vec::new(), wires, levels, written_to: start };
         writer.flush()?;
@@ -214,6 +243,11 @@ impl<W: Write> Writer<W> {
         self.flush()
     }
 
+    /// The file.
+    pub fn into_inner(self) -> W {
+        self.out
+    }
+
     /// Bytes written to the file.
     pub fn bytes(&self) -> u64 {
         self.bytes
@@ -224,11 +258,12 @@ impl<W: Write> Writer<W> {
 mod tests {
     use super::*;
 
-    const IDLE: Levels = [Level::High; NAMES.len()];
+    const IDLE: Levels = [Level::High; WIRES];
 
     /// The wires of a board with `outputs` outputs besides the servo's.
-    fn wires(outputs: usize) -> Vec<Wire> {
-        NAMES.iter().map(|(wire, _)| *wire).take(WIRES_OF_EVERY_BOARD + outputs).collect()
+    fn wires(outputs: usize) -> Vec<(Wire, String)> {
+        let names = NAMES.iter().take(WIRES_OF_EVERY_BOARD + outputs);
+        names.map(|(wire, name)| (*wire, (*name).to_owned())).collect()
     }
 
     /// The text after the header.

@@ -1,9 +1,9 @@
 //! Options for the board and its wiring, for programs without the ELF section `.board`, or to run a
 //! program on another board.
 
+use crate::avr::Chip;
+use crate::wiring::{Pin, Wiring, crystal_mhz};
 use anyhow::Result;
-use bench::avr::Chip;
-use bench::wiring::{Pin, Wiring, crystal_mhz};
 use clap::Args as ClapArgs;
 
 /// Options for the board. An option replaces the value in the ELF file.

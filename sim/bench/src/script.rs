@@ -1,9 +1,39 @@
-//! The lines of a script.
+//! The text of a script: frames and bench events with their times.
+//!
+//! ```text
+//! # Time in seconds, then a frame as candump and --log write it, or an event.
+//! (0.500000) can0 1404562A#0100A95C00C0
+//! (2.5) temperature 60
+//! (2.6) pwr-voltage 1260
+//! (2.7) pwr-current 330
+//! (3.0) button press
+//! (3.1) button release
+//! (4.0) fault no-ack
+//! (5.0) serial help\r
+//! (6.0) i2c 0x48:0x00=0x19,0x80
+//! ```
+//!
+//! Times are simulated seconds since power-on, so the log of a run plays at the times of that run.
+//! The timestamps of a recording count from 1970 or from the start of a computer, with ten digits
+//! before the point: these times are relative to the earliest of them. Lines can be in any order.
+//!
+//! `pwr-voltage` and `pwr-current` are millivolts at the inputs that measure a circuit, like the
+//! options `--pwr-voltage` and `--pwr-current`. A board without such inputs ignores them.
+//!
+//! Faults are those of `--inject`: a lasting fault ends when it is named again. The text of
+//! `serial` can contain `\r`, `\n`, `\t`, `\\` and `\xNN`; a line end is not added. Error frames in
+//! a log (`20000008#...`) are skipped: no station sent them. [`candump`] has the forms of
+//! recordings.
 
-use super::candump;
+mod candump;
+
+use crate::can::Frame;
 use crate::fault::Fault;
-use bench::can::Frame;
-use bench::{Cycles, F_CPU_HZ};
+use crate::i2c;
+use crate::pins::Setting;
+use crate::{Cycles, F_CPU_HZ};
+
+pub use candump::text;
 
 /// Supply of the AVR, and the highest voltage at an input.
 const SUPPLY_MV: u32 = 5000;
@@ -28,6 +58,12 @@ pub enum BenchEvent {
     Fault(Fault),
     /// Bytes to the Arduino's serial port.
     Serial(Vec<u8>),
+    /// A level or a voltage at a pin.
+    Set(Setting),
+    /// Registers of a device on the two-wire bus.
+    I2c(i2c::Setting),
+    /// Speed of the shaft in revolutions a minute.
+    Shaft(u32),
 }
 
 /// The action of a line.
@@ -85,14 +121,21 @@ fn parse_action(rest: &str) -> Result<Action, String> {
             }
         })),
         "fault" => Action::Do(BenchEvent::Fault(argument.parse()?)),
+        "set" => {
+            let (pin, level) = argument.split_once(char::is_whitespace).unwrap_or((argument, ""));
+            Action::Do(BenchEvent::Set(Setting::parse(pin, level.trim())?))
+        }
+        "rpm" => Action::Do(BenchEvent::Shaft(rpm(argument)?)),
+        "i2c" => Action::Do(BenchEvent::I2c(argument.parse()?)),
         "serial" => Action::Do(BenchEvent::Serial(parse_text(argument)?)),
         _ => match candump::frame(argument) {
             Some(frame) => frame?.map_or(Action::Skip, Action::Send),
             None => {
                 return Err(format!(
                     "expected \"can0 1404562A#0100\", \"temperature 60\", \"pwr-voltage 1260\", \
-                     \"pwr-current 330\", \"button press\", \"button release\", \"fault NAME\" or \
-                     \"serial TEXT\", not \"{rest}\""
+                     \"pwr-current 330\", \"button press\", \"button release\", \"fault NAME\", \
+                     \"set D7 low\", \"rpm 6000\", \"i2c 0x48:0=1\" or \"serial TEXT\", not \
+                     \"{rest}\""
                 ));
             }
         },
@@ -130,6 +173,20 @@ pub fn millivolts(text: &str) -> Result<u32, String> {
         .ok()
         .filter(|mv| *mv <= SUPPLY_MV)
         .ok_or_else(|| format!("use millivolts from 0 to {SUPPLY_MV}"))
+}
+
+/// The highest speed of the shaft, in revolutions a minute.
+pub const RPM_MAX: u32 = 10_000_000;
+
+/// Reads the speed of a shaft.
+///
+/// # Errors
+/// If `text` is not a number in the range; the message says the range.
+pub fn rpm(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(rpm @ 0..=RPM_MAX) => Ok(rpm),
+        _ => Err(format!("use revolutions a minute from 0 to {RPM_MAX}")),
+    }
 }
 
 fn parse_millivolts(text: &str) -> Result<u32, String> {
@@ -182,7 +239,8 @@ mod tests {
     fn a_script_has_frames_events_and_comments_in_any_order() {
         let text = "# warm up\n\n(2.5) temperature -3.5\n (1.000001) can0 123#0102\n(3) button \
                     press\n(3) button release\n(4.0) fault no-ack\n(4.5) pwr-voltage 1260\n(4.5) \
-                    pwr-current 0\n(5.000000) serial a b\\r\\x1b\\\\\n(6) vcan1 00000001#R R\n";
+                    pwr-current 0\n(5.000000) serial a b\\r\\x1b\\\\\n(6) vcan1 00000001#R R\n(7) \
+                    i2c 0x48:1=2\n";
         let actions = parse(text).unwrap();
         let expected = [
             (S + 16, Action::Send(Frame::standard(0x123, &[1, 2]))),
@@ -193,7 +251,8 @@ mod tests {
             (S * 9 / 2, Action::Do(BenchEvent::CircuitVoltage(1260))),
             (S * 9 / 2, Action::Do(BenchEvent::CircuitCurrent(0))),
             (5 * S, Action::Do(BenchEvent::Serial(b"a b\r\x1B\\".to_vec()))),
-            (6 * S, Action::Send(Frame::remote(bench::can::Id::Extended(1), 0))),
+            (6 * S, Action::Send(Frame::remote(crate::can::Id::Extended(1), 0))),
+            (7 * S, Action::Do(BenchEvent::I2c("0x48:1=2".parse().unwrap()))),
         ];
         assert_eq!(actions, expected);
     }

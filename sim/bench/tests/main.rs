@@ -1,0 +1,15 @@
+//! The tests of the bench are one program: each would link simavr and the bench of its own.
+
+mod autopilot_types;
+mod avr;
+mod avr_board;
+mod avr_chip;
+mod avr_peripherals;
+mod avr_spm;
+mod avr_timers;
+mod avr_twi;
+mod avr_unmodelled;
+mod opcodes;
+mod own_node;
+mod programs_on_core;
+mod third_party;
