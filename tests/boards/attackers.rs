@@ -145,8 +145,8 @@ fn a_node_that_takes_both_lanes_before_each_list_breaks_at_most_three_in_a_row()
         }
         count += pulses[1..].iter().flatten().count();
         for pulse in pulses[1..].iter().flatten() {
-            // A pulse begins before the list of its period, and may have begun before the last one.
-            let old_lists = (f64::from(us) - pulse.width_us()) / 5.0 - 2.0;
+            // A pulse may begin before the list of its period.
+            let old_lists = (f64::from(us) - pulse.width_us()) / 5.0 - 1.0;
             assert!(old_lists < 3.2, "{} us after {us}", pulse.width_us());
             broken += usize::from(old_lists > 0.2);
         }
@@ -208,7 +208,7 @@ fn a_safety_switch_that_two_nodes_turned_on_is_not_turned_off_by_one() {
     }
     hub.position(AUTOPILOT, 5, 1900.0);
     assert_eq!(hub.widths_us()[4], Some(1200.0), "the autopilot's is still on");
-    hub.rig.run_ms(4000);
+    hub.rig.run_ms(5000);
     hub.position(AUTOPILOT, 5, 1900.0);
     assert_eq!(hub.widths_us()[4], Some(1900.0), "neither says that it is on");
 }
@@ -229,8 +229,8 @@ fn a_node_whose_output_another_commands_since_then_may_not_turn_the_safety_switc
         hub.position(AUTOPILOT, taken, 1900.0);
         let widths = hub.widths_us();
         assert_eq!(widths[usize::from(taken) - 1], expected_us, "{}", hub.rig.serial);
-        // What the switch says counts for three seconds.
-        hub.rig.run_ms(5_000);
+        // What the switch says counts for four to five seconds.
+        hub.rig.run_ms(5_500);
     }
 }
 
@@ -483,18 +483,18 @@ fn update_and_command(hub: &mut Hub, delay: Cycles, us: f32) -> (Option<Cycles>,
 fn the_bootloader_does_not_run_once_an_output_follows_commands() {
     let mut hub = hub_with_bootloader();
     let (mut restarts, mut random) = (0, Noise::new(5));
-    for round in 0..30 {
+    for round in 0..9 {
         // The first commands come with the answer, with the restart or between.
         let delay = random.below([3, 60, 600][round % 3] * MS);
-        let (reset, pulse) = update_and_command(&mut hub, delay, 1200.0 + 10.0 * round as f32);
+        let (reset, pulse) = update_and_command(&mut hub, delay, 1200.0 + 30.0 * round as f32);
         restarts += usize::from(reset.is_some());
         // The restarted program follows the next command.
         let is_safe = reset.is_none_or(|reset| pulse.is_none_or(|pulse| reset < pulse));
         assert!(is_safe, "{delay} cycles: restart at {reset:?}, pulse at {pulse:?}");
         hub.rig.run_ms(4000);
     }
-    println!("{restarts} of 30 began");
-    assert!((1..30).contains(&restarts), "both occur: {restarts}");
+    println!("{restarts} of 9 began");
+    assert!((1..9).contains(&restarts), "both occur: {restarts}");
 }
 
 // ---- commands in step with the pulses ----

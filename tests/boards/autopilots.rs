@@ -3,7 +3,8 @@
 use bench::Cycles;
 use bench::autopilot::{Profile, Settings};
 use rig::manage::ms_between;
-use rig::{MS, Rig};
+use rig::status::{ERROR, FAILSAFE, OK};
+use rig::{MS, Program, Rig, status_fields};
 
 const ARDUPILOT: u32 = 10;
 const PX4: u32 = 1;
@@ -153,4 +154,79 @@ fn when_the_autopilot_stops_sending_the_failsafe_begins() {
     rig.autopilot().set_silent(false);
     rig.run_ms(60);
     assert_eq!(rig.settled_pulse_us(), 1750.0);
+}
+
+/// A node whose output 3 is a motor with the index 2: the throttle of a Plane on SERVO3.
+fn with_throttle() -> Rig {
+    let mut rig = Program::Full.running();
+    for (name, value) in [("OUT_COUNT", 3), ("OUT3_TYPE", 1), ("OUT3_ID", 2)] {
+        rig.set(name, value);
+    }
+    rig.save();
+    let eeprom = rig.board().avr().eeprom();
+    let mut rig = Program::Full.running_with(&eeprom);
+    rig.attach_autopilot(Settings {
+        servos: 2,
+        motors: 3,
+        omits_disarmed: true,
+        ..Settings::of(Profile::Ardupilot)
+    });
+    rig.autopilot().hold(1.0);
+    rig
+}
+
+/// Time of the last pulse of output 3 with power, if there is one since the last call.
+fn last_power(rig: &mut Rig) -> Option<Cycles> {
+    let pulses = rig.board().take_output_pulses().swap_remove(1);
+    pulses.iter().rfind(|pulse| pulse.width_us() > 1100.0).map(|pulse| pulse.start)
+}
+
+/// ArduPlane with `ARMING_REQUIRE` 2 sends no RawCommand while disarmed. Of its own disarms, 12 of
+/// 20 were a failsafe for the ground station, and 4 of 20 re-armings were refused.
+#[test]
+#[ignore = "takes long: make test-all"]
+fn of_100_disarms_of_ardupilot_none_is_a_failsafe_and_the_motor_stops_at_mot_timeout() {
+    assert_disarms_are_no_failsafe(100);
+}
+
+#[test]
+fn of_20_disarms_of_ardupilot_none_is_a_failsafe_and_the_motor_stops_at_mot_timeout() {
+    assert_disarms_are_no_failsafe(20);
+}
+
+#[track_caller]
+fn assert_disarms_are_no_failsafe(count: u64) {
+    let mut rig = with_throttle();
+    for n in 0..count {
+        rig.autopilot().set_armed(true);
+        // So the disarms come at each phase of the ArmingStatus.
+        rig.run_ms(805 + n % 10);
+        let disarmed = rig.now();
+        assert!(last_power(&mut rig).is_some_and(|at| ms_between(at, disarmed) < 25.0), "{n}");
+        rig.autopilot().set_armed(false);
+        rig.run_ms(700);
+        let held_ms = ms_between(disarmed, last_power(&mut rig).expect("a pulse"));
+        assert!((0.0..210.0).contains(&held_ms), "{n}: {held_ms} ms");
+    }
+    let statuses = rig.statuses();
+    assert!(statuses.len() as u64 > count * 14 / 10);
+    for (at, data) in statuses {
+        let (_, level, _, code) = status_fields(&data);
+        assert_eq!((level, code & FAILSAFE), (OK, 0), "at {} ms", at / MS);
+    }
+    assert!(!rig.serial.contains("FAILSAFE"), "{}", rig.serial);
+}
+
+/// The commands for motors stop, and ArmingStatus still says armed.
+#[test]
+fn commands_that_are_lost_while_armed_are_a_failsafe_with_the_next_arming_status() {
+    for phase_ms in [0, 100, 200, 300, 400] {
+        let mut rig = with_throttle();
+        rig.run_ms(1500 + phase_ms);
+        rig.forget();
+        let now = rig.now();
+        rig.autopilot().set_motors(0, now);
+        rig.wait_for_line("FAILSAFE of output 3", 200 + 500 + 20);
+        assert_eq!(rig.next_status(), (ERROR, FAILSAFE), "{phase_ms}");
+    }
 }

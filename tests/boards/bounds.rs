@@ -9,14 +9,15 @@ use std::process::Command;
 
 use bench::avr::Avr;
 use bench::board::Board;
-use bench::{Bench, root, target_dir};
+use bench::wiring::Wiring;
+use bench::{Bench, firmware_for, root, target_dir};
 use bounds::annotations::Annotations;
 use bounds::chip::Chip;
 use bounds::report::{Report, Scope};
 use rig::flood::{Flood, Scenario, Setup, Traffic};
 use rig::load::{Kind, Load, Pace, Sender};
-use rig::observed::{Observer, Pair};
-use rig::reception::Reception;
+use rig::observed::{OF_KINDS, Observer, Pair, ROUNDS};
+use rig::reception::{Buffers, Reception};
 use rig::{MS, parallel};
 
 /// Simulated time of each flood.
@@ -64,10 +65,42 @@ fn the_programs_that_ship_stay_within_their_bounds_on_a_full_bus() {
         observer.observed().beside(report)
     });
     for (scenario, pairs) in floods.iter().zip(found) {
-        let seen = |name: &str| pairs.iter().any(|pair| pair.name.starts_with(name));
-        assert!(seen("handler of INT0") && seen("INT0 blocked"), "{pairs:?}");
+        let seen =
+            |name: &str| pairs.iter().any(|pair| pair.name.starts_with(name) && pair.observed > 0);
+        let of_each = ["handler of INT0", "INT0 blocked", ROUNDS];
+        assert!(of_each.into_iter().all(seen), "{pairs:?}");
+        for kind in ["tick", "send"] {
+            assert!(seen(&format!("{OF_KINDS}{kind}")), "{kind}: {pairs:?}");
+        }
         check(&scenario.setup.to_string(), &pairs);
     }
+}
+
+/// One that has the former name of a function would bound nothing, and nobody would notice.
+#[test]
+#[ignore = "takes long: make test-all"]
+fn each_annotation_says_something_about_a_program_that_is_built() {
+    let annotations = fs::read_to_string(root().join("avr-specs/bounds.toml")).expect("a file");
+    let of_each =
+        [("diecimila", ["default", "remote", "thesis"]), ("uno", ["full", "escs", "outputs,rpm"])];
+    let elves: Vec<PathBuf> = of_each
+        .into_iter()
+        .flat_map(|(board, names)| names.map(|name| firmware_for(board, "seeed", name)))
+        .map(|elf| elf.unwrap_or_else(|error| panic!("{error:#}")))
+        .collect();
+    let unused = parallel::each(&elves, |elf| proved(elf, &annotations).unused);
+    assert_eq!(by_none(unused), [""; 0], "entries of bounds.toml for no program");
+    let loaders = ["diecimila", "uno"].map(|board| {
+        let wiring = Wiring::of(board, "seeed").unwrap_or_else(|error| panic!("{error:#}"));
+        rig::loader::report(&wiring).unused
+    });
+    assert_eq!(by_none(loaders.to_vec()), [""; 0], "entries of bounds-boot.toml for no loader");
+}
+
+/// What is in each of the lists.
+fn by_none(unused: Vec<Vec<String>>) -> Vec<String> {
+    let [first, others @ ..] = &unused[..] else { return vec![] };
+    first.iter().filter(|name| others.iter().all(|other| other.contains(name))).cloned().collect()
 }
 
 #[test]
@@ -86,18 +119,24 @@ fn the_bootloader_stays_within_its_bounds_on_a_blocked_bus() {
 /// Cycles that the calculation of the reception must leave.
 const LEAST_MARGIN: i64 = 10;
 
-/// With several outputs it is only tested (tests/boards/full_bus.rs).
+/// With several outputs for frames of commands, five bytes or more: shorter ones are only tested
+/// (tests/boards/full_bus.rs).
 #[test]
-fn it_is_proved_that_a_node_with_one_output_loses_no_frame_in_its_controller() {
+fn it_is_proved_that_the_controller_loses_no_frame() {
     let presets: BTreeSet<PathBuf> = setups().iter().map(Setup::elf).collect();
     let presets: Vec<PathBuf> = presets.into_iter().collect();
     let margins = parallel::each(&presets, |elf| {
         let elf = fs::read(elf).expect("the program was built");
-        Reception::of(&elf, false).least_margin()
+        let one = Reception::of(&elf);
+        let several = one.with_several_outputs();
+        let of_several = [2, 5, 8]
+            .map(|bytes| several.as_ref().map(|several| several.margin(bytes, Buffers::Two)));
+        [Some(one.least_margin())].into_iter().chain(of_several).flatten().collect::<Vec<_>>()
     });
-    for (elf, margin) in presets.iter().zip(margins) {
-        println!("{}: {margin:?}", elf.display());
-        assert!(margin.is_some_and(|cycles| cycles >= LEAST_MARGIN), "{}", elf.display());
+    for (elf, margins) in presets.iter().zip(margins) {
+        println!("{}: {margins:?}", elf.display());
+        let is_proved = |margin: &Option<i64>| margin.is_some_and(|least| least >= LEAST_MARGIN);
+        assert!(margins.iter().all(is_proved), "{}: {margins:?}", elf.display());
     }
 }
 
@@ -144,6 +183,7 @@ fn compiled(name: &str, optimisation: &str) -> PathBuf {
 }
 
 #[test]
+#[ignore = "takes long, and depends on no firmware"]
 fn programs_of_avr_gcc_stay_within_their_bounds() {
     let programs = [("state_machine", 2), ("nested", 2), ("masks", 2), ("sort", 1), ("windows", 1)];
     for (name, handlers) in programs {

@@ -46,6 +46,11 @@ fn without_acknowledgement_the_node_is_error_passive_and_recovers() {
 
 #[test]
 fn bus_off_is_counted_and_logged_and_the_node_recovers() {
+    bus::DESTROYED_ALONE.check();
+}
+
+#[test]
+fn while_each_frame_is_destroyed_the_node_listens_and_then_it_recovers() {
     bus::DESTROYED.check();
 }
 

@@ -2,6 +2,7 @@
 //! restarts the controller. The servo holds its position or moves to its failsafe. The cases are in
 //! `faults/chip.rs`, what they measure in docs/reliability.md.
 
+use rig::Rig;
 use rig::faults::chip;
 
 #[test]
@@ -43,6 +44,32 @@ fn an_spi_that_flips_bits_is_logged_and_the_servo_stays_in_its_travel() {
 #[test]
 fn a_flipped_bit_in_a_register_is_detected() {
     chip::REGISTER.check();
+}
+
+/// RXB1CTRL, TXRTSCTRL and BFPCTRL, on a full bus of frames that the filters reject: with RXM = 11
+/// buffer 1 takes them.
+#[test]
+fn a_flipped_bit_in_a_register_that_is_not_checked_loses_no_command() {
+    const UNWANTED: u32 = 0x104E_2032;
+    let flips = [(0x70, 0x20), (0x70, 0x40), (0x70, 0x60), (0x0D, 1), (0x0D, 2), (0x0D, 4)];
+    for (address, bits) in flips.into_iter().chain((0..6).map(|bit| (0x0C, 1 << bit))) {
+        let mut rig = Rig::running();
+        rig.board().chip_flip_bits(address, bits);
+        for n in 0..10u16 {
+            let value = if n % 2 == 0 { 0.5 } else { -0.5 };
+            rig.send_command(1, 0, value);
+            // Frames of 130 us or more for 40 ms, and time to follow the command.
+            for m in 0..300u16 {
+                rig.send(UNWANTED, &[n as u8, 4, 0, 0x66, m as u8, 0, 0, 0xC0 | m as u8 & 0x1F]);
+            }
+            rig.run_ms(50);
+            let expected = if n % 2 == 0 { 1750.0 } else { 1250.0 };
+            let last = rig.pulses.last().map(|pulse| pulse.width_us());
+            assert_eq!(last, Some(expected), "register {address:#04X}, bits {bits:#04X}");
+        }
+        assert_eq!(rig.board().chip().borrow().rx_overflows(), 0, "register {address:#04X}");
+        assert_eq!(rig.next_status().1, 0, "register {address:#04X}, bits {bits:#04X}");
+    }
 }
 
 #[test]

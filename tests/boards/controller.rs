@@ -5,7 +5,9 @@ use bench::board::WireEvent;
 use bench::can::Fault;
 use bench::mcp2515::Mode;
 use rig::status::{CONTROLLER, FRAMES_LOST, WARNING};
-use rig::{ARRAY_COMMAND, MS, Rig, US, status_fields};
+use rig::{
+    ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, Program, Rig, SERVO_COMMAND, US, status_fields,
+};
 
 /// Register addresses (DS20001801J table 11-1).
 const CNF1: u8 = 0x2A;
@@ -65,15 +67,46 @@ fn frames_back_to_back_are_received_in_order() {
     assert_eq!(newest, 40, "{logged:?}");
 }
 
+/// INT falls late. Two frames of a type that one output keeps in one buffer.
+#[test]
+fn with_several_outputs_two_frames_of_each_type_have_room() {
+    for outputs in [1, 2, 8] {
+        let mut rig = Program::Full.running();
+        rig.set("OUT_COUNT", outputs);
+        rig.save();
+        rig.restart();
+        for (id, data) in [
+            (ARMING_STATUS, &[0, 0xC0][..]),
+            (SERVO_COMMAND, &[50, 0xC0]),
+            (NODE_STATUS, &[1, 0, 0, 0, 0, 0, 0, 0xC0][..]),
+        ] {
+            rig.wait_for_supervision();
+            rig.overflows_expected = outputs == 1;
+            rig.board().set_stuck_int(Some(true));
+            rig.send(id | 10, data);
+            rig.send(id | 10, data);
+            let end = rig.now() + 400 * US;
+            rig.run_until(end);
+            let chip = rig.board().chip();
+            let is_lost = chip.borrow().register(EFLG) & (RX0OVR | RX1OVR) != 0;
+            assert_eq!(is_lost, outputs == 1, "{outputs} outputs, {id:08X}");
+            rig.board().set_stuck_int(None);
+            rig.run_ms(30);
+        }
+    }
+}
+
 /// INT falls late, so that two frames wait. A third may arrive while the node reads them.
 #[test]
 fn frames_that_waited_in_both_buffers_are_read_in_order() {
     for count in [2, 3] {
         let mut rig = Rig::running();
         rig.overflows_expected = true;
-        let mut complete = 0;
+        let (mut complete, mut noticed) = (0, 0);
         for step in 0..100 {
             rig.forget();
+            // Or else it may find that INT is wrong.
+            rig.wait_for_supervision();
             rig.board().set_stuck_int(Some(true));
             for n in 0..count {
                 rig.send(ARRAY_COMMAND | 10, &[1, 4, step as u8, 0x64 + n, 0xC0 | n]);
@@ -91,7 +124,14 @@ fn frames_that_waited_in_both_buffers_are_read_in_order() {
             assert!(logged.is_sorted(), "{count}, after {} us: {logged:?}", 150 + 2 * step);
             // The node follows, and logs, only the newest of the commands that wait.
             complete += usize::from(logged.ends_with(&[count - 1]));
+            // A supervision while INT is late trusts INT no more, as it should.
+            if rig.serial.contains("INT open or shorted") {
+                noticed += 1;
+                rig = Rig::running();
+                rig.overflows_expected = true;
+            }
         }
+        assert!(noticed <= 3, "{count}: {noticed}");
         // The buffers have no room for the third if INT falls after it.
         let least = if count == 2 { 100 } else { 51 };
         assert!(complete >= least, "{count}: {complete}");
@@ -134,7 +174,7 @@ fn a_silent_chip_is_logged_and_started_when_it_answers() {
         rig.board().chip_power_off(floating);
         rig.run_ms(1000);
         let cs = &rig::board().cs;
-        let line = format!("CAN: MCP2515 silent (CANSTAT {floating:02X}), CS {cs}");
+        let line = format!("CS {cs} SI SO SCK 5V? ({floating})");
         let logged = rig.serial.lines().filter(|logged| *logged == line).count();
         assert!(
             (5..=11).contains(&logged),
@@ -160,7 +200,7 @@ fn a_chip_reset_by_a_glitch_is_detected_and_restarted() {
     // The driver does not know yet that the chip was reset, so the model reports its accesses.
     rig.violations_expected = true;
     rig.board().chip_reset();
-    rig.wait_for_line("CAN: MCP2515 lost its settings", 50);
+    rig.wait_for_line("5V? MCP2515 settings lost", 50);
     rig.wait_for_line("CAN: running", 200);
     rig.run_ms(50);
     assert!(
@@ -175,7 +215,7 @@ fn a_chip_reset_by_a_glitch_is_detected_and_restarted() {
 fn a_chip_that_stops_answering_is_detected_and_restarted() {
     let mut rig = Rig::running();
     rig.board().chip_power_off(0xFF);
-    rig.wait_for_line("CAN: MCP2515 silent (CANSTAT FF)", 400);
+    rig.wait_for_line("SI SO SCK 5V? (255)", 400);
     rig.board().chip_power_on();
     rig.wait_for_line("CAN: running", 400);
     rig.send_command(1, 0, 0.0);
@@ -187,7 +227,7 @@ fn a_bus_held_dominant_is_logged_and_the_node_recovers() {
     let mut rig = Rig::powered();
     rig.bench.bus().inject(Fault::StuckDominant(true));
     rig.run_ms(1000);
-    assert!(rig.serial.contains("CAN: bus never idle (CANSTAT 80)"), "{}", rig.serial);
+    assert!(rig.serial.contains("CAN H/L: never idle (128)"), "{}", rig.serial);
     rig.bench.bus().inject(Fault::StuckDominant(false));
     rig.wait_for_line("CAN: running", 400);
     rig.wait_for("a status", 600, |rig| !rig.statuses().is_empty());
@@ -245,11 +285,11 @@ fn frames_that_nobody_acknowledges_are_dropped_after_a_second() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
-    rig.wait_for_line("CAN: nothing sent for 1 s (1 times)", 2600);
+    rig.wait_for_line("CAN H/L: not sent (1)", 2600);
     let chip = rig.board().chip();
     rig.run_ms(30);
     let waiting = (0..3).any(|n| chip.borrow().register(TXB0CTRL + 16 * n) & 0x08 != 0);
-    assert!(!waiting || rig.serial.matches("nothing sent").count() == 1);
+    assert!(!waiting || rig.serial.matches("not sent").count() == 1);
 }
 
 #[test]
@@ -316,7 +356,7 @@ fn access_chip(rig: &mut Rig, instructions: &[&[u8]]) {
 #[track_caller]
 fn assert_restarted_within_100_ms(rig: &mut Rig) {
     rig.forget();
-    rig.wait_for_line("CAN: MCP2515 lost its settings", 100);
+    rig.wait_for_line("5V? MCP2515 settings lost", 100);
     rig.wait_for_line("CAN: running", 200);
     let chip = rig.board().chip();
     assert_eq!(
@@ -378,11 +418,8 @@ fn errors_on_the_bus_never_hold_the_int_pin_low() {
 /// The edge may come while the program waits for the interrupt, or while it polls the line.
 #[test]
 fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_stop_the_program() {
-    let mut rig = Rig::running();
-    // The shorted line may interrupt while the chip starts after RESET.
-    rig.violations_expected = true;
     for n in 0..20 {
-        rig.forget();
+        let mut rig = Rig::running();
         rig.send_command(1, 0, 0.25);
         let moment = rig.now() + MS + n * 37 * US;
         rig.run_until(moment);
@@ -391,7 +428,9 @@ fn an_int_line_that_falls_at_any_moment_and_stays_low_does_not_stop_the_program(
         rig.board().set_stuck_int(None);
         rig.run_ms(200);
         assert!(!rig.serial.contains("reset:"), "at moment {n}\n{}", rig.serial);
-        assert!(rig.serial.contains("CAN: MCP2515 lost its settings"), "{}", rig.serial);
+        assert!(rig.serial.contains("INT open or shorted"), "{}", rig.serial);
+        rig.send_command(1, 0, 0.5);
+        assert_eq!(rig.settled_pulse_us(), 1750.0, "at moment {n}");
     }
 }
 
@@ -417,7 +456,7 @@ fn after_dropped_frames_the_node_sends_again() {
     let mut rig = Rig::running();
     let port = rig.bench.port(0);
     rig.bench.bus().connect(port, false);
-    rig.wait_for_line("nothing sent", 2600);
+    rig.wait_for_line("not sent", 2600);
     rig.run_ms(50);
     let chip = rig.board().chip();
     assert_eq!(chip.borrow().register(CANCTRL) & ABAT, 0);

@@ -55,7 +55,7 @@ fn assert_none(runs: &[Run], wrong: impl Fn(Scenario, &Outcome) -> Option<String
     assert!(wrong.is_empty(), "{} of {} floods\n{}", wrong.len(), runs.len(), wrong.join("\n"));
 }
 
-/// The controller has room for two frames, of some types for one.
+/// The controller has room for two frames, with one output of some types for one.
 #[test]
 fn no_frame_of_a_valid_transfer_is_lost() {
     assert_none(&FULL, |scenario, outcome| {
@@ -66,6 +66,30 @@ fn no_frame_of_a_valid_transfer_is_lost() {
         let reports = outcome.reports_loss != Some(false) && scenario.setup.is_v0();
         (lost > 0 || reports || !is_load)
             .then(|| format!("{lost} of {frames} frames lost, the node reports a loss: {reports}"))
+    });
+}
+
+/// Without INT the node asks the controller in each turn of its main loop, and a turn may take
+/// longer than a frame. docs/trouble.md has the figures.
+#[test]
+fn without_int_a_full_bus_loses_some_frames() {
+    let scenarios: Vec<Scenario> =
+        setups().map(|setup| Scenario::full(setup, Traffic::Mixed)).collect();
+    let outcomes = parallel::each(&scenarios, |scenario| {
+        let mut rig = scenario.setup.running();
+        rig.board().set_stuck_int(Some(true));
+        rig.run_ms(50);
+        let mut flood = Flood::with_rig(*scenario, rig);
+        flood.run_ms(FLOOD_MS);
+        flood.finish()
+    });
+    let runs: Vec<Run> = scenarios.into_iter().zip(outcomes).collect();
+    assert_none(&runs, |scenario, outcome| {
+        let (frames, lost) = (outcome.frames(), outcome.meter.lost);
+        let percent = 100 * lost / frames;
+        println!("{}: {lost} of {frames} frames lost, {percent} %", scenario.setup);
+        let limit = if scenario.setup.outputs() == 1 { 15 } else { 40 };
+        (percent > limit).then(|| format!("{lost} of {frames} frames lost"))
     });
 }
 
@@ -80,9 +104,9 @@ fn the_queue_of_received_frames_never_becomes_full() {
 #[test]
 fn frames_leave_the_controller_in_time_and_in_order() {
     assert_none(&FULL, |scenario, outcome| {
-        // With several outputs the queue is full for a moment now and then.
+        // With several outputs each frame has two buffers, which the shortest two fill in 2,784.
         let limit = match scenario.setup {
-            setup if setup.outputs() > 1 => 8000,
+            setup if setup.outputs() > 1 => 2000,
             setup if setup.preset == Preset::Full => 1600,
             _ => 1250,
         };

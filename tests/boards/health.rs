@@ -62,7 +62,7 @@ fn a_temperature_out_of_range_is_a_warning_until_it_is_in_range() {
 /// A sensor of half the slope, with an offset, against the other ADC reference.
 #[test]
 fn other_sensors_need_only_other_parameters() {
-    let mut rig = Rig::running();
+    let mut rig = Program::Full.running();
     // TMP36: 500 mV at 0 degrees, 10 mV per degree.
     rig.set("TEMP_OFFSET", 500);
     for celsius in [-30.0, 0.0, 21.0, 60.0] {

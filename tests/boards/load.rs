@@ -62,11 +62,13 @@ fn reading_errors(figures: &Figures) -> Option<String> {
 }
 
 #[test]
+#[ignore = "takes long: full_bus.rs has the same check of shorter floods"]
 fn commands_of_every_length_back_to_back_are_all_read_in_order() {
     all(|load| matches!(load.kind, Kind::Command(_)) && load.pace == Pace::Full, reading_errors);
 }
 
 #[test]
+#[ignore = "takes long: full_bus.rs has the same check of shorter floods"]
 fn commands_of_nine_frames_back_to_back_are_all_read_in_order() {
     all(
         |load| matches!(load.kind, Kind::LongCommand | Kind::Beginning) && load.pace == Pace::Full,
@@ -104,6 +106,7 @@ fn frames_of_all_kinds_at_random_back_to_back_are_all_read_in_order() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn bursts_of_frames_after_silence_are_all_read_in_order() {
     all(|load| load.pace == Pace::Bursts, reading_errors);
 }
@@ -134,6 +137,7 @@ fn half_of_the_frames_are_read_within_450_cycles_of_the_chip_select() {
 }
 
 #[test]
+#[ignore = "takes long: full_bus.rs has the same check of shorter floods"]
 fn all_frames_are_read_within_1250_cycles_of_their_end() {
     all(
         // With all features the queue can be full for a moment, because some of these are

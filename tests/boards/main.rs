@@ -4,6 +4,7 @@
 //! TEST_FILES="servo parameters"` runs some of them.
 
 mod allocation;
+mod another_rate;
 mod attackers;
 mod autopilots;
 mod bad_input;
@@ -15,6 +16,7 @@ mod bus_faults;
 mod chip_faults;
 mod commanders;
 mod controller;
+mod escs;
 mod failsafe;
 mod full_bus;
 mod fuzz;
@@ -52,3 +54,5 @@ mod travel;
 mod tunnel;
 mod update;
 mod update_clients;
+mod uploads;
+mod wires;

@@ -189,28 +189,46 @@ fn four_outputs_run_at_100_hz() {
 }
 
 #[test]
-fn all_widths_of_a_command_begin_in_the_same_period() {
+fn each_pulse_has_the_width_that_was_commanded_two_milliseconds_before_it_begins_or_a_newer_one() {
     let mut rig = hub();
-    let all = |width| (1..=8).map(|id| (id, PWM, width)).collect::<Vec<_>>();
-    rig.send_commands(&all(1000.0));
-    rig.run_ms(50);
-    pulses(&mut rig);
-    // Commands at all phases of the period.
-    for step in 0..150u64 {
-        rig.send_commands(&all(if step % 2 == 0 { 2000.0 } else { 1000.0 }));
-        let t = rig.now() + 60 * MS + 2_300 * step;
-        rig.run_until(t);
-        let seen = pulses(&mut rig);
-        // A change of output 1, which has slot 0, starts a new period: the other pulses of that
-        // period are new, too.
-        let (_, after) =
-            (seen[0][0], seen[0].windows(2).find(|pair| (pair[0].1 - pair[1].1).abs() > TICK));
-        let Some(pair) = after else { continue };
-        for (output, pulses) in seen.iter().enumerate().skip(1) {
-            for (start, width) in pulses {
-                let is_new = (*width - pair[1].1).abs() <= TICK;
-                assert_eq!(is_new, *start >= pair[1].0, "step {step}, output {output}");
-            }
+    let mut commanded = vec![];
+    // Commands at all phases of the period, each with a width of its own.
+    for step in 0..150 {
+        let width_us = 1000.0 + 5.0 * step as f32;
+        let all: Vec<_> = (1..=OUTPUTS as u8).map(|id| (id, PWM, width_us)).collect();
+        rig.send_commands(&all);
+        commanded.push((rig.now() as i64, (width_us * 16.0) as i64));
+        let next = rig.now() + 25 * MS + 2_300 * step;
+        rig.run_until(next);
+    }
+    for (output, pulses) in pulses(&mut rig).iter().enumerate() {
+        assert!(pulses.len() > 150, "output {output}: {} pulses", pulses.len());
+        for (start, width) in pulses {
+            let known = commanded.iter().rposition(|(at, _)| at + 2 * (MS as i64) <= *start);
+            let pulse = commanded.iter().rposition(|(_, of)| (of - width).abs() <= TICK);
+            assert!(pulse.is_some(), "output {output}: {width} cycles are of no command");
+            assert!(pulse >= known, "output {output}: {pulse:?} at {start}, after {known:?}");
+        }
+    }
+}
+
+#[test]
+fn an_output_whose_pulses_end_has_whole_pulses_until_then() {
+    let mut rig = hub();
+    for output in 1..=OUTPUTS {
+        rig.set(&format!("OUT{output}_FS"), 3);
+        rig.set(&format!("OUT{output}_TIMEOUT"), 100);
+    }
+    let start = rig.now();
+    // The failsafe begins at each phase of the period.
+    for step in 1..=80 {
+        command(&mut rig, 0..OUTPUTS);
+        rig.run_until(start + step * (160 * MS + MS / 4));
+        for (output, seen) in pulses(&mut rig).iter().enumerate() {
+            assert!((4..=7).contains(&seen.len()), "step {step}, output {output}: {seen:?}");
+            let expected = (width_us(output) * 16.0) as i64;
+            let is_whole = |(_, width): &(i64, i64)| (width - expected).abs() <= TICK;
+            assert!(seen.iter().all(is_whole), "step {step}, output {output}: {seen:?}");
         }
     }
 }
@@ -250,8 +268,10 @@ fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number()
         );
         assert_eq!(rig.serial.matches("FAILSAFE of output").count(), 1, "{}", rig.serial);
         command(&mut rig, 0..OUTPUTS);
-        rig.wait_for_line(&format!("commands again for output {}", silent + 1), 200);
+        rig.wait_for_line("commands again", 200);
         assert_eq!(rig.status_now(), (OK, 0));
+        // The outputs are reported once they have not changed for some milliseconds.
+        rig.run_ms(20);
         rig.forget();
     }
 }
@@ -275,15 +295,40 @@ fn a_failsafe_and_its_end_are_told_by_log_messages() {
     let told: Vec<String> = told.into_iter().map(|(_, text)| text).collect();
     assert_eq!(
         told,
-        [
-            "WARNING: FAILSAFE: no commands",
-            "WARNING: FAILSAFE of output 1",
-            "INFO: commands again",
-            "INFO: commands again for output 1",
-        ],
+        ["WARNING: FAILSAFE: no commands", "WARNING: FAILSAFE of output 1", "INFO: commands again"],
         "{}",
         rig.serial
     );
+}
+
+/// While the cable is out every message is lost. The failsafe may end before a message can be sent.
+#[test]
+fn a_failsafe_that_began_while_the_cable_was_out_is_told_when_it_is_back() {
+    for (out_ms, is_commanded) in [(700, true), (5000, true), (5000, false)] {
+        let mut rig = hub();
+        for output in 1..=OUTPUTS {
+            rig.set(&format!("OUT{output}_TIMEOUT"), 300);
+        }
+        command(&mut rig, 0..OUTPUTS);
+        rig.run_ms(30);
+        let port = rig.bench.port(0);
+        rig.bench.bus().connect(port, false);
+        rig.run_ms(out_ms);
+        rig.forget();
+        rig.bench.bus().connect(port, true);
+        for _ in 0..100 {
+            if is_commanded {
+                command(&mut rig, 0..OUTPUTS);
+            }
+            rig.run_ms(20);
+        }
+        let told = rig.node_messages(|message| match message {
+            Message::LogMessage(message) => Some(message.to_string()),
+            _ => None,
+        });
+        let is_told = told.iter().any(|(_, text)| text.contains("FAILSAFE"));
+        assert!(is_told, "{out_ms} ms, {is_commanded}: {told:?}");
+    }
 }
 
 #[test]
@@ -426,7 +471,7 @@ fn all_eight_outputs_follow_ardupilot_and_px4() {
 
 #[test]
 fn with_eight_outputs_at_full_load_no_frame_is_lost_and_each_edge_is_exact() {
-    assert_exact_and_lossless(4);
+    assert_exact_and_lossless(1);
 }
 
 #[test]
@@ -452,7 +497,10 @@ fn assert_exact_and_lossless(seconds: u64) {
             meter.latency.max()
         );
         let all = || edges.rises.iter().chain(&edges.falls);
-        assert!(edges.rises.values().sum::<u64>() > 7 * 50 * 3, "{kind:?}: {edges:?}");
+        assert!(
+            edges.rises.values().sum::<u64>() > 7 * 50 * seconds * 3 / 4,
+            "{kind:?}: {edges:?}"
+        );
         // The first rise itself is late by less than a tick, so this compares the range of
         // deviations.
         let (least, most) =

@@ -64,8 +64,8 @@ fn when_the_switch_is_off_commands_are_followed_and_the_failsafe_is_active_again
 fn when_the_safety_states_stop_the_failsafe_begins() {
     let mut rig = PROGRAM.positioned();
     send_safety_state(&mut rig, SAFE, 2000);
-    rig.run_ms(2000);
-    assert!(!rig.serial.contains("FAILSAFE"));
+    rig.run_ms(2500);
+    assert!(!rig.serial.contains("switch off"), "four seconds after the last: {}", rig.serial);
     rig.wait_for_line("FAILSAFE: no commands", 3500);
     assert_eq!(rig.next_status(), (ERROR, FAILSAFE));
 }

@@ -8,7 +8,7 @@ use bench::Cycles;
 use bench::dronecan::{Message, NodeInfo, ParameterRequest, ParameterResponse, Value};
 use rig::documented::parameters;
 use rig::manage::{ANSWER_TIMEOUT_MS, ms_between};
-use rig::{ARRAY_COMMAND, MS, Rig, is_from_node, parse_frames};
+use rig::{ARRAY_COMMAND, MS, Program, Rig, is_from_node, parse_frames};
 
 const GET_NODE_INFO: &str = "1E01F8FF C3";
 
@@ -54,12 +54,10 @@ fn node_info_has_every_field_at_its_place() {
     let version: [u8; 2] = [major.parse().unwrap(), minor.parse().unwrap()];
     assert_eq!(payload[7..9], version);
     let commit = u32::from_le_bytes(payload[10..14].try_into().unwrap());
-    assert_eq!(
-        payload[9],
-        u8::from(commit != 0),
-        "the flags must say that there is a commit, and no CRC of the image"
-    );
-    assert_eq!(payload[14..22], [0; 8]);
+    // A program that takes updates tells the CRC of its image, for Mission Planner.
+    let has_crc = rig::has_all_features();
+    assert_eq!(payload[9], u8::from(commit != 0) | u8::from(has_crc) << 1, "a commit, and a CRC");
+    assert_eq!(payload[14..22] != [0; 8], has_crc);
     let unique_id = &payload[24..40];
     assert!(unique_id.iter().any(|byte| *byte != 0) && unique_id.iter().any(|byte| *byte != 0xFF));
     assert_eq!(payload[40], 0, "no certificate");
@@ -117,9 +115,15 @@ fn a_parameter_is_set_and_the_answer_has_the_new_value() {
     let mut rig = Rig::running();
     rig.assert_answer(
         "1E0BF8FF 4C EE 00 01 4C 04 00 84 | 00 00 00 00 00 4F 55 24 | 54 31 5F 4D 49 4E 44",
-        "1E0B7FF8 00 32 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 | \
-         C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 4F 55 54 31 24 | 5F 4D 49 \
-         4E 44",
+        if rig::has_all_features() {
+            "1E0B7FF8 59 DD 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 \
+             | 60 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 4F 55 54 31 24 | 5F \
+             4D 49 4E 44"
+        } else {
+            "1E0B7FF8 00 32 01 4C 04 00 00 84 | 00 00 00 00 01 E8 03 24 | 00 00 00 00 00 00 01 04 \
+             | C4 09 00 00 00 00 00 24 | 00 01 F4 01 00 00 00 04 | 00 00 00 4F 55 54 31 24 | 5F \
+             4D 49 4E 44"
+        },
     );
     assert_eq!(rig.get("OUT1_MIN"), 1100);
 }
@@ -143,7 +147,7 @@ fn a_request_whose_frames_come_a_second_apart_is_answered() {
 
 #[test]
 fn negative_parameters_keep_their_sign() {
-    let mut rig = Rig::running();
+    let mut rig = Program::Full.running();
     let response = rig.parameter("TEMP_MIN");
     let [value, default, max, min] = [-40, -40, 150, -55].map(Value::Integer);
     assert_eq!(
@@ -224,9 +228,14 @@ fn a_value_out_of_range_is_answered_with_the_current_value() {
             "{wrong}"
         );
     }
-    for (name, min, max) in
-        [("OUT1_MIN", 500, 2500), ("TEMP_MIN", -55, 150), ("TEMP_ID", 0, 65_535), ("ARM_REQ", 0, 1)]
-    {
+    // With eight outputs a pulse ends 100 us before the next one begins.
+    let longest = if rig::has_all_features() { 2400 } else { 2500 };
+    for (name, min, max) in [
+        ("OUT1_MIN", 500, longest),
+        ("TEMP_MIN", -55, 150),
+        ("TEMP_ID", 0, 65_535),
+        ("ARM_REQ", 0, 1),
+    ] {
         for (value, in_force) in [(min, min), (min - 1, min), (max, max), (max + 1, max)] {
             assert_eq!(
                 rig.request_value(name, Value::Integer(value)),
@@ -241,20 +250,31 @@ fn a_value_out_of_range_is_answered_with_the_current_value() {
 fn the_node_accepts_only_the_bit_rates_of_dronecan() {
     let mut rig = Rig::running();
     let highest = rig::board().fastest_bit_rate().into();
-    let [value, max, min] = [highest, highest, 125_000].map(Value::Integer);
+    // With all features 0 finds the rate.
+    let lowest = if rig::has_all_features() { 0 } else { 125_000 };
+    let [value, max, min] = [highest, highest, lowest].map(Value::Integer);
     let response = rig.parameter("CAN_BAUDRATE");
     assert_eq!(
         (&response.value, &response.default, &response.max, &response.min),
         (&value, &value, &max, &min)
     );
-    for rate in [125_000, 250_000, 500_000, highest] {
+    for rate in [lowest, 125_000, 250_000, 500_000, highest] {
         rig.set("CAN_BAUDRATE", rate);
     }
     // At 1 Mbit/s the MCP2515 needs a crystal of 16 MHz.
     assert_eq!(rig.request_value("CAN_BAUDRATE", Value::Integer(2 * highest)), value);
-    for wrong in
-        [0, 8, 1, 100_000, 375_000, 800_000, 2_000_000, 1_000_001, 1 << 32 | 500_000, -125_000]
-    {
+    for wrong in [
+        lowest - 125_000,
+        8,
+        1,
+        100_000,
+        375_000,
+        800_000,
+        2_000_000,
+        1_000_001,
+        1 << 32 | 500_000,
+        -125_000,
+    ] {
         assert_eq!(rig.request_value("CAN_BAUDRATE", Value::Integer(wrong)), value, "{wrong}");
     }
 }
@@ -273,9 +293,15 @@ fn values_of_another_type_change_nothing() {
     }
     rig.assert_answer(
         "1E0BF8FF 3A DA 00 02 00 80 89 85 | 44 4F 55 54 31 5F 4D 25 | 49 4E 45",
-        "1E0B7FF8 69 5B 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 | \
-         C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 4F 55 54 31 25 | 5F 4D 49 \
-         4E 45",
+        if rig::has_all_features() {
+            "1E0B7FF8 30 B4 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 \
+             | 60 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 4F 55 54 31 25 | 5F \
+             4D 49 4E 45"
+        } else {
+            "1E0B7FF8 69 5B 01 E8 03 00 00 85 | 00 00 00 00 01 E8 03 25 | 00 00 00 00 00 00 01 05 \
+             | C4 09 00 00 00 00 00 25 | 00 01 F4 01 00 00 00 05 | 00 00 00 4F 55 54 31 25 | 5F \
+             4D 49 4E 45"
+        },
     );
 }
 

@@ -68,31 +68,35 @@ fn can_stats_count_lost_and_dropped_frames() {
     assert!(last.tx_timedout + last.tx_abort > 0, "{last}");
 }
 
-/// Bus-off lasts 1.4 ms. If every frame is destroyed, the next bus-off comes a millisecond later.
+/// Also those of 1.4 ms, the shortest time.
 #[test]
 fn every_bus_off_is_counted_and_logged() {
     let mut rig = PROGRAM.running();
     rig.set("STATS_RATE", 10);
     rig.set("TELEM_RATE", 50);
     let mut bus_offs = 0;
-    for lasts_ms in [2, 4, 9, 31, 110] {
+    for lasts_ms in [2, 4, 9, 31, 110, 1300] {
         rig.serial.clear();
         rig.bench.bus().inject(Fault::DestroyFrames(true));
         let (mut was_off, before, end) = (false, bus_offs, rig.now() + lasts_ms * MS);
-        while rig.now() < end {
+        // The last one may begin with the frame that is on the bus at the end.
+        while rig.now() < end + 2 * MS {
+            if rig.now() >= end {
+                rig.bench.bus().inject(Fault::DestroyFrames(false));
+            }
             rig.run_until(rig.now() + 50 * US);
             let is_off = rig.board().chip().borrow().error_state() == ErrorState::BusOff;
             bus_offs += u16::from(is_off && !was_off);
             was_off = is_off;
         }
-        rig.bench.bus().inject(Fault::DestroyFrames(false));
-        rig.run_ms(500);
+        // Nobody else sends, so that the node tries its frames in a part of each second only.
+        rig.run_ms(1500);
         let (_, last) = *stats(&rig).last().expect("statistics again");
         assert_eq!(last.busoff_errors, bus_offs, "after {lasts_ms} ms of destroyed frames");
-        assert_eq!(rig.serial.contains("CAN: bus-off"), bus_offs > before, "{}", rig.serial);
+        assert_eq!(rig.serial.contains("CAN H/L: bus-off"), bus_offs > before, "{}", rig.serial);
     }
-    // About twenty at 1 Mbit/s, and half as many at 500 kbit/s.
-    assert!(bus_offs > 10, "{bus_offs}");
+    // Few: after the first of each time the controller tries one to three frames a second, once.
+    assert!(bus_offs > 4, "{bus_offs}");
 }
 
 #[test]

@@ -134,8 +134,8 @@ fn without_acknowledgement_the_node_is_error_passive_and_reports_it_later() {
     let (_, health, _, vendor_code) = status_fields(&statuses.last().expect("back on the bus").1);
     assert_eq!(health, WARNING);
     assert_ne!(vendor_code & CONTROLLER, 0, "dropped frames must be reported: {vendor_code:#06x}");
-    assert!(rig.serial.contains("CAN: error-passive"), "{}", rig.serial);
-    assert!(rig.serial.contains("CAN: nothing sent"), "{}", rig.serial);
+    assert!(rig.serial.contains("CAN H/L: error-passive"), "{}", rig.serial);
+    assert!(rig.serial.contains("CAN H/L: not sent"), "{}", rig.serial);
     // The condition clears.
     rig.run_ms(20_000);
     rig.wait_for("another status", 1100, |rig| {

@@ -104,7 +104,7 @@ fn while_the_tunnel_is_open_commands_are_followed_and_the_bus_is_not_flooded() {
     }
     let count = messages(&rig).count();
     let seconds = (rig.now() - start) as f64 / F_CPU_HZ as f64;
-    assert!(tunnel_text(&rig).contains("PWM 1800 us"));
+    assert!(tunnel_text(&rig).contains("pulse 1800.0 us"));
     assert!((count as f64) < 101.0 * seconds, "{count} transfers in {seconds} s");
     assert_eq!(rig.settled_pulse_us(), 1800.0);
 }

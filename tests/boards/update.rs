@@ -49,10 +49,21 @@ fn an_update_of_14_kb_takes_less_than_3_seconds_at_1_mbit_per_second() {
     assert!(took_ms < limit_ms * length as u64 / 14_336, "{took_ms} ms");
 }
 
+/// `make flash`, a programmer and the file server write the same bytes.
 #[test]
-fn a_program_uploaded_by_a_programmer_starts_without_a_check() {
+fn the_elf_has_the_length_and_the_crc_of_the_file() {
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
+    let file = file();
+    assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+}
+
+#[test]
+fn a_program_without_a_length_does_not_start() {
+    let mut file = file();
+    file[HEADER + 4..HEADER + 8].fill(0);
+    let mut bench = UpdateBench::with(&[(0, file)], &[], board().fastest_bit_rate());
+    assert_eq!(bench.next_mode(), MAINTENANCE);
 }
 
 #[test]
@@ -125,6 +136,7 @@ fn invalid_files_are_rejected_and_the_next_valid_one_is_written() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn without_answers_the_bootloader_repeats_its_request_and_then_waits() {
     let mut bench = UpdateBench::empty();
     bench.server.is_silent = true;
@@ -150,6 +162,7 @@ fn a_server_s_pause_of_some_seconds_does_not_stop_an_update() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn lost_frames_and_a_slow_server_delay_an_update() {
     for (drop, delay_ms) in [(9, 0), (0, 900)] {
         let mut bench = UpdateBench::empty();
@@ -178,6 +191,28 @@ fn after_an_answer_of_less_than_256_bytes_nothing_is_erased() {
     bench.server.limit = 255;
     bench.begin_update("fw.bin");
     bench.wait_for_program(3000);
+}
+
+/// The bootloader sends NodeStatus each second, and the watchdog takes 16 ms.
+#[test]
+fn between_the_end_of_an_update_and_the_restart_the_bootloader_does_not_say_that_it_waits() {
+    let mut bench = UpdateBench::with(&[(0, file())], &[], board().fastest_bit_rate());
+    bench.wait_for_program(3000);
+    let mut other = file();
+    other[HEADER] ^= 1;
+    bench.server.files.insert("other.bin".to_owned(), with_crc(other));
+    // The first answer ends the update: in some of the turns just before the next NodeStatus.
+    for before_status_ms in [12, 18] {
+        bench.wait_in_the_bootloader();
+        let last = bench.statuses().last().map_or(0, |(at, _)| *at);
+        bench.run_ms(last + 1003 - before_status_ms - bench.now_ms());
+        assert_eq!(bench.begin_update("other.bin"), OK);
+        let known = bench.statuses().len();
+        bench.wait_for_program(3000);
+        for (at, status) in &bench.statuses()[known..] {
+            assert_ne!(status[4] >> 3 & 7, MAINTENANCE, "{at} ms, turn {before_status_ms}");
+        }
+    }
 }
 
 #[test]
@@ -393,13 +428,14 @@ fn a_program_that_hangs_repeatedly_starts_the_bootloader() {
     let mut bench = UpdateBench::with_program();
     bench.wait_for_program(1500);
     // WDR is 0x95A8; the last one of the program is in the main loop. RJMP to itself is 0xCFFF.
-    let program = bench.flash(file().len());
+    let mut program = bench.flash(file().len());
     let wdr = (0x68..program.len() - 1)
         .step_by(2)
         .rfind(|&at| program[at..at + 2] == [0xA8, 0x95])
         .expect("a main loop");
-    bench.bench.board(0).avr_mut().load_flash(wdr, &[0xFF, 0xCF]);
-    bench.run_ms(2000);
+    program[wdr..wdr + 2].copy_from_slice(&[0xFF, 0xCF]);
+    bench.bench.board(0).avr_mut().load_flash(0, &with_crc(program));
+    bench.run_ms(3000);
     assert_eq!(bench.next_mode(), MAINTENANCE);
     assert_eq!(bench.begin_update("fw.bin"), OK);
     bench.wait_for_program(10_000);
@@ -471,8 +507,8 @@ fn cut_power_at_random(cuts: u64, seed: u64) {
 }
 
 #[test]
-fn after_ten_random_power_cuts_updates_still_succeed() {
-    cut_power_at_random(10, 1);
+fn after_four_random_power_cuts_updates_still_succeed() {
+    cut_power_at_random(4, 1);
 }
 
 #[test]

@@ -1,11 +1,12 @@
 """The cases of test_mcast.py, which runs each in its own network namespace."""
 
 import re
+import subprocess
 
 import pytest
 from dronecan import uavcan
 
-from conftest import NODE
+from conftest import NODE, TARGET, Client
 from test_management import PARAMETERS
 
 BUS = 7
@@ -82,3 +83,32 @@ def test_a_ground_station_sees_the_node_through_the_bridge(bench, bridge, statio
     ground = station()
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
     assert len(ground.parameters()) == len(PARAMETERS)
+
+
+def board_of_own_node_is_a_node(board):
+    """The node of a board of crates/own-node, on a model of its CAN controller."""
+    line = [TARGET / "debug/examples/board", board, f"mcast:{BUS}"]
+    with subprocess.Popen(line, stdout=subprocess.PIPE, text=True) as program:
+        try:
+            assert program.stdout.readline() == f"{board} on mcast:{BUS}\n"
+            client = Client(f"mcast:{BUS}")
+            node = 42
+            info = client.ask(uavcan.protocol.GetNodeInfo.Request(), node)
+            assert str(info.name) == "org.example.own-node"
+            client.set("ACTUATOR_ID", 3, node)
+            client.save(node)
+            client.command((1, 0, 1.0), (2, 0, 0.25), (3, 0, -0.5))
+            assert program.stdout.readline() == "move to -500 thousandths\n"
+            temperature = client.wait_for(uavcan.equipment.device.Temperature, source=node)
+            assert temperature.temperature == 300
+            client.close()
+        finally:
+            program.terminate()
+
+
+def test_the_rp2040_of_own_node_is_a_node():
+    board_of_own_node_is_a_node("rp2040")
+
+
+def test_the_stm32f103_of_own_node_is_a_node():
+    board_of_own_node_is_a_node("stm32f103")

@@ -44,7 +44,10 @@ TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 NOT_RUN = {"needs a screen", "needs the network", "needs hardware"}
 KINDS = NOT_RUN | {"in each terminal", "as root", "long", "until Ctrl-C", "exit code 1"}
 TIMEOUT_S = 120
+# cargo waits while other parts of "make test" compile.
+TIMEOUT_OF_BUILD_S = 900
 TIMEOUT_OF_LONG_S = 2400
+BUILDS = r"^make |cargo run "
 # A program must end within this time after Ctrl-C.
 TIMEOUT_OF_END_S = 15
 
@@ -182,7 +185,13 @@ class Running:
             env={**environment, "HOME": str(home)},
             start_new_session=True,
         )
-        self.timeout_s = TIMEOUT_OF_LONG_S if "long" in block.kinds else TIMEOUT_S
+        self.timeout_s = (
+            TIMEOUT_OF_LONG_S
+            if "long" in block.kinds
+            else TIMEOUT_OF_BUILD_S
+            if re.search(BUILDS, block.text, re.MULTILINE)
+            else TIMEOUT_S
+        )
         if block.typed:
             threading.Thread(target=self.type, daemon=True).start()
 
@@ -242,7 +251,7 @@ class Running:
         self.finish(
             TIMEOUT_OF_END_S,
             also=[-signal.SIGINT, 128 + signal.SIGINT]
-            if re.match("make ", self.block.text)
+            if re.search(BUILDS, self.block.text, re.MULTILINE)
             else [],
         )
 

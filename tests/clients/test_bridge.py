@@ -6,9 +6,11 @@ import collections
 import hashlib
 import os
 import re
+import select
 import struct
 import threading
 import time
+import tty
 
 import dronecan
 import pytest
@@ -558,6 +560,47 @@ def test_a_radio_on_a_serial_port_works(bench, bridge, station):
     os.close(theirs)
 
 
+def adapter_that_returns_frames(end, is_over):
+    """An adapter that returns each frame, and stamps those of node 42: with 4 and with 8 digits."""
+    line, status_at, stamps = b"", 0.0, ["", "EA5F", "0123ABCD"]
+    while not is_over.is_set():
+        if time.monotonic() >= status_at:
+            status_at = time.monotonic() + 0.3
+            # A NodeStatus of 30 s of uptime, and one that lacks a byte.
+            stamps.append(stamps.pop(0))
+            os.write(end, f"T1001552A81E000000000000C0{stamps[0]}\r".encode())
+            os.write(end, b"T1001552A81E000000\r")
+        if not select.select([end], [], [], 0.05)[0]:
+            continue
+        line += os.read(end, 1000)
+        *whole, line = line.split(b"\r")
+        for command in whole:
+            os.write(end, command + b"\r" if command.startswith(b"T") else b"\r")
+
+
+def test_an_adapter_that_returns_frames_and_stamps_them_is_understood(bridge):
+    ours, theirs = os.openpty()
+    tty.setraw(ours)
+    is_over = threading.Event()
+    adapter = threading.Thread(target=adapter_that_returns_frames, args=(ours, is_over))
+    adapter.start()
+    try:
+        started = bridge(f"slcan:{os.ttyname(theirs)}")
+        started.wait_for_text("node 42 is online")
+        time.sleep(2.5)
+        assert started.end() == 0
+    finally:
+        is_over.set()
+        adapter.join()
+    text = started.text()
+    assert "returns the frames that it has sent: they are ignored" in text
+    assert "another node has the bridge's ID" not in text
+    assert "sends lines that are not SLCAN" in text
+    found = re.search(r"(\d+) frames in, (\d+) out, (\d+) returned, (\d+) lines not read", text)
+    received, sent, returned, unread = map(int, found.groups())
+    assert returned in (sent, sent - 1) and received > 5 and abs(unread - received) <= 1, text
+
+
 def test_the_bridge_survives_invalid_bytes_and_many_requests(joined, bridge):
     _, ground = joined()
     ground.mav.file.write(os.urandom(1400))
@@ -575,18 +618,28 @@ def test_the_bridge_survives_invalid_bytes_and_many_requests(joined, bridge):
 
 def test_with_a_key_unsigned_messages_are_ignored(bench, bridge, station, tmp_path):
     (tmp_path / "key").write_text("correct horse\n")
-    bridge(bench(), "--signing-key", tmp_path / "key")
+    started = bridge(bench(), "--signing-key", tmp_path / "key")
     unsigned, wrong, ground = station(), station(), station()
-    wrong.link.setup_signing(hashlib.sha256(b"battery staple").digest(), link_id=1)
+    wrong.link.setup_signing(
+        hashlib.sha256(b"battery staple").digest(),
+        link_id=1,
+        allow_unsigned_callback=lambda *_: True,
+    )
     ground.link.setup_signing(hashlib.sha256(b"correct horse").digest(), link_id=2)
     ground.wait_for("UAVCAN_NODE_INFO", NODE)
     assert len(ground.parameters()) == len(PARAMETERS)
-    for other in (unsigned, wrong):
-        other.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1600), INT32)
-        assert not other.gather(0.7)
+    for other, words in (
+        (unsigned, "Not signed: sign with the bridge's --signing-key"),
+        (wrong, "Wrong key: sign with the bridge's --signing-key"),
+    ):
+        for _ in range(2):
+            other.mav.param_set_send(SYSTEM, NODE, b"OUT1_MAX", as_float(1600), INT32)
+        assert [message.text for message in other.gather(0.7)] == [words]
     message = ground.read("OUT1_MAX")
     assert value_of(message) == 2000
     assert message.get_signed()
+    for line in ("does not sign: set the key", "signs with another key: set that"):
+        assert started.text().count(line) == 1, started.text()
 
 
 def test_it_listens_only_on_the_given_port_of_the_loopback_interface(bench, bridge):

@@ -46,9 +46,9 @@ def data_of(heard, type_id, source):
 
 def on_the_bus(bench, *options):
     used = bench("--dialect", "draft", *options, autopilot=True, elf=node_elf("thesis"))
-    listener = Listener(used.raw())
+    # A listener from the start on also hears the first status, which says INITIALIZING.
     used.wait_for_text(rf"status  node {NODE}: draft, OK")
-    return used, listener
+    return used, Listener(used.raw())
 
 
 def test_the_autopilot_sends_commands_and_the_node_its_status(bench):

@@ -73,7 +73,7 @@ def test_the_node_stops_at_a_breakpoint_and_continues(debugged):
     text = debug(
         used,
         port,
-        "break firmware::node::Node::tick<servo_node::board::eeprom::Eeprom>",
+        "break firmware::node::Node::expire<servo_node::board::flash::Image>",
         "continue",
         "backtrace 2",
         "print now_ms",
@@ -82,7 +82,7 @@ def test_the_node_stops_at_a_breakpoint_and_continues(debugged):
         "delete",
         "detach",
     )
-    assert "Breakpoint 1" in text and "Node::tick" in text and "#1" in text and "$1 = " in text, (
+    assert "Breakpoint 1" in text and "Node::expire" in text and "#1" in text and "$1 = " in text, (
         text
     )
     # The node continues as if it had not been stopped.

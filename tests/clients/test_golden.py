@@ -203,6 +203,15 @@ CASES = {
         9,
         "184E2178 01 0A C9",
     ),
+    "NotifyState": (
+        lambda: dronecan.ardupilot.indication.NotifyState(
+            aux_data_type=0, aux_data=[0xA0, 0x8C], vehicle_state=0b11010
+        ),
+        10,
+        24,
+        1,
+        "184E270A 46 6F 00 02 A0 8C 1A 81 | 00 00 00 00 00 00 00 61",
+    ),
     "CircuitStatus": (
         lambda: uavcan.equipment.power.CircuitStatus(
             circuit_id=0x1234, voltage=12.6, current=-3.2, error_flags=6

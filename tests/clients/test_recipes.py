@@ -18,13 +18,22 @@ from conftest import ROOT, namespace, project_program
 
 PAGES = {
     name: recipes.read_page(ROOT / "docs" / f"{name}.md")
-    for name in ("autopilots", "bench", "bridge", "ci", "sketch", "update", "utilisation")
+    for name in (
+        "autopilots",
+        "bench",
+        "bridge",
+        "ci",
+        "own-node",
+        "sketch",
+        "update",
+        "utilisation",
+    )
 }
 MARKS = {
-    "quick": [pytest.mark.timeout(320)],
+    "quick": [pytest.mark.timeout(1820)],
     "long": [pytest.mark.long, pytest.mark.timeout(3620)],
 }
-TIMEOUT_S = {"quick": 300, "long": 3600}
+TIMEOUT_S = {"quick": 1800, "long": 3600}
 CASES = [
     pytest.param(
         name,
@@ -56,6 +65,8 @@ def environment(directory):
         "RUSTUP_HOME": os.environ.get("RUSTUP_HOME", str(home / ".rustup")),
         "CARGO_INSTALL_ROOT": str(installed),
         "CARGO_TERM_COLOR": "never",
+        # The namespace has no network.
+        "CARGO_NET_OFFLINE": "true",
         "RECIPES_PATH": os.pathsep.join(
             [str(installed / "bin"), str(programs), os.environ["PATH"]]
         ),

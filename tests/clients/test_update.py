@@ -2,11 +2,13 @@
 by avrdude.
 """
 
+import binascii
 import contextlib
 import importlib
 import re
 import signal
 import subprocess
+import time
 
 import dronecan.app.file_server
 import pytest
@@ -32,6 +34,18 @@ def empty_board(bench):
 def remote_board(bench):
     """A board with our bootloader and a program that hands updates over to it."""
     return bench("--bootloader", LOADER, elf=node_elf("remote"), slcan=2)
+
+
+@pytest.mark.parametrize("features", ["default", "remote"])
+def test_elf_hex_and_bin_are_the_same_bytes_with_a_length_and_a_crc(features, tmp_path):
+    elf, hex_file, back = node_elf(features), tmp_path / "x.hex", tmp_path / "x.bin"
+    sections = ["-j", ".text", "-j", ".data"]
+    subprocess.run(["avr-objcopy", "-O", "ihex", *sections, elf, hex_file], check=True)
+    subprocess.run(["avr-objcopy", "-I", "ihex", "-O", "binary", hex_file, back], check=True)
+    program = elf.with_suffix(".bin").read_bytes()
+    assert back.read_bytes() == program
+    assert int.from_bytes(program[0x6C:0x6E], "little") == len(program)
+    assert binascii.crc_hqx(program, 0xFFFF) == 0
 
 
 def update(client, file):
@@ -62,13 +76,32 @@ def test_pydronecan_s_file_server_updates_a_node_in_its_bootloader(empty_board):
     assert str(information.name) == "org.dronecan.servo168"
 
 
+def wait_for_mode(client, mode):
+    client.spin_until(lambda: client.wait_for(NodeStatus).mode == mode, f"mode {mode}")
+
+
 def test_avrdude_uploads_through_our_bootloader_and_the_bus_works_then(empty_board):
     empty_board.upload()
-    client = empty_board.dronecan()
-    client.spin_until(
-        lambda: client.wait_for(NodeStatus).mode == NodeStatus().MODE_OPERATIONAL,
-        "program",
-    )
+    wait_for_mode(empty_board.dronecan(), NodeStatus().MODE_OPERATIONAL)
+
+
+def test_after_an_upload_by_avrdude_is_cut_the_bootloader_waits_for_the_next(bench):
+    used = bench("--bootloader", LOADER, serial=True)
+    client = used.dronecan()
+    wait_for_mode(client, NodeStatus().MODE_OPERATIONAL)
+    # Another program over this one.
+    process = used.start(*used.upload_line(node_elf("remote")))
+    text = b""
+    while not re.search(rb"Writing \| #{20}", text):
+        byte = process.stdout.read(1)
+        assert byte, text
+        text += byte
+    process.kill()
+    wait_for_mode(client, NodeStatus().MODE_MAINTENANCE)
+    information = client.ask(uavcan.protocol.GetNodeInfo.Request())
+    assert information.software_version.major == 0
+    used.upload()
+    wait_for_mode(client, NodeStatus().MODE_OPERATIONAL)
 
 
 def test_pydronecan_s_file_server_updates_a_running_node_and_its_parameters_are_kept(
@@ -98,6 +131,16 @@ def node_update(used, *words, code=0, **options):
     text = process.communicate(timeout=90)[0].decode(errors="replace")
     assert process.returncode == code, text
     return text
+
+
+def wait_until_it_reads(process):
+    """Waits until node-update has sent a part of the file. Returns its output until then."""
+    text = b""
+    for line in iter(process.stdout.readline, b""):
+        text += line
+        if re.match(rb"node 120: reading, [1-9]", line):
+            return text
+    raise AssertionError(text)
 
 
 def test_node_update_updates_a_running_node_and_reports_it(remote_board):
@@ -138,9 +181,7 @@ def test_wrong_nodes_and_wrong_files_are_rejected_with_a_remedy(remote_board, tm
 
 def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
     process = start_node_update(remote_board)
-    for text in iter(process.stdout.readline, b""):
-        if re.match(rb"node 120: reading, [1-9]", text):
-            break
+    wait_until_it_reads(process)
     process.send_signal(signal.SIGINT)
     text = process.communicate(timeout=TIMEOUT_S)[0].decode()
     assert process.returncode == 5, text
@@ -152,6 +193,42 @@ def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
         timeout=60,
     )
     assert "node 120: runs version" in node_update(remote_board)
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL], ids=["ctrl-c", "kill"])
+def test_an_update_that_was_stopped_continues_with_the_same_command_at_once(remote_board, how):
+    process = start_node_update(remote_board)
+    wait_until_it_reads(process)
+    process.send_signal(how)
+    process.wait(TIMEOUT_S)
+    assert "node 120: runs version" in node_update(remote_board)
+
+
+def test_a_stopped_update_with_another_node_id_continues_too(remote_board):
+    process = start_node_update(remote_board, "--own-id", "100")
+    wait_until_it_reads(process)
+    process.send_signal(signal.SIGKILL)
+    process.wait(TIMEOUT_S)
+    assert "node 120: runs version" in node_update(remote_board)
+
+
+def test_a_second_update_says_that_another_is_under_way(remote_board):
+    first = start_node_update(remote_board)
+    time.sleep(0.8)
+    text = node_update(remote_board, slcan=1, code=4)
+    assert "node 120: another update is under way: node 126 sends a file" in text, text
+    text = first.communicate(timeout=90)[0].decode()
+    assert first.returncode == 0, text
+
+
+def test_a_second_program_on_the_same_adapter_is_refused(remote_board):
+    first = start_node_update(remote_board)
+    first.stdout.readline()
+    first.stdout.readline()
+    text = node_update(remote_board, code=3)
+    assert re.search(r"another program uses \S+/can0", text), text
+    text = first.communicate(timeout=90)[0].decode()
+    assert first.returncode == 0, text
 
 
 def test_several_nodes_are_updated_at_the_same_time(bench):
@@ -190,16 +267,13 @@ def test_node_update_takes_an_id_that_no_other_node_has(remote_board):
         ("module", "--bitrate 125000", ["125000"]),
     ],
 )
-def test_make_update_passes_the_bit_rate_of_the_can_board(tmp_path, shield, arguments, rates):
-    program = tmp_path / "node-update"
-    program.write_text('#!/bin/sh\necho "$@"\n')
-    program.chmod(0o755)
-    (tmp_path / "x.bin").write_bytes(b"x")
-    choice = [f"PROGRAMS={tmp_path}", f"SHIELD={shield}", f"ARGS={arguments}"]
-    choice.append(f"FILE={tmp_path}/x.bin")
-    line = ["make", "-s", "-C", ROOT, "update", "BUS=mcast:0", "NODE=120", *choice]
-    line = subprocess.run(line, capture_output=True, text=True, check=True).stdout
-    assert re.findall(r"--bitrate (\d+)", line) == rates, line
+def test_make_update_passes_the_bit_rate_of_the_can_board(shield, arguments, rates):
+    choice = ["BUS=mcast:0", "NODE=120", f"SHIELD={shield}", f"ARGS={arguments}", "FILE=x.bin"]
+    # Only prints the commands: the release build of node-update takes a minute of CPU time.
+    line = ["make", "--no-print-directory", "-n", "-C", ROOT, "update", *choice]
+    printed = subprocess.run(line, capture_output=True, text=True, check=True).stdout
+    call = printed[printed.index("/node-update 'x.bin' ") :]
+    assert re.findall(r"--bitrate (\d+)", call) == rates, printed
 
 
 def test_the_bootloader_is_written_with_the_fuses_that_it_needs(tmp_path):

@@ -42,25 +42,25 @@ pub fn take() -> (CanSpi, Serial, Clock, Task) {
 
     let mut port = peripherals.PORTB;
     select(&mut port, false);
-    port.ddrb().write(|w| w.pb1().set_bit().pb2().set_bit().pb3().set_bit().pb5().set_bit());
+    port.ddrb.write(|w| w.pb1().set_bit().pb2().set_bit().pb3().set_bit().pb5().set_bit());
     let spi = peripherals.SPI;
-    spi.spcr().write(|w| w.spe().set_bit().mstr().set_bit().spr().fosc_4_2());
-    spi.spsr().write(|w| w.spi2x().set_bit());
+    spi.spcr.write(|w| w.spe().set_bit().mstr().set_bit().spr().fosc_4_2());
+    spi.spsr.write(|w| w.spi2x().set_bit());
 
     let usart = peripherals.USART0;
-    usart.ubrr0().write(|w| w.set(UBRR_115200));
-    usart.ucsr0a().write(|w| w.u2x0().set_bit());
-    usart.ucsr0b().write(|w| w.txen0().set_bit());
+    usart.ubrr0.write(|w| w.bits(UBRR_115200));
+    usart.ucsr0a.write(|w| w.u2x0().set_bit());
+    usart.ucsr0b.write(|w| w.txen0().set_bit());
 
     let timer = peripherals.TC1;
-    timer.tccr1b().write(|w| w.cs1().direct());
+    timer.tccr1b.write(|w| w.cs1().direct());
 
     let button = peripherals.PORTD;
-    button.portd().write(|w| w.pd4().set_bit());
+    button.portd.write(|w| w.pd4().set_bit());
     // The pull-up needs a moment.
     avr_device::asm::delay_cycles(F_CPU_HZ / 1_000_000);
     let task =
-        if button.pind().read().pd4().bit_is_set() { Task::WholeJob } else { Task::ReceiveOnly };
+        if button.pind.read().pd4().bit_is_set() { Task::WholeJob } else { Task::ReceiveOnly };
 
     (CanSpi { spi, port }, Serial { usart }, Clock { timer }, task)
 }
@@ -73,9 +73,9 @@ pub struct CanSpi {
 
 impl CanSpi {
     fn exchange(&mut self, byte: u8) -> u8 {
-        self.spi.spdr().write(|w| w.set(byte));
-        while self.spi.spsr().read().spif().bit_is_clear() {}
-        self.spi.spdr().read().bits()
+        self.spi.spdr.write(|w| w.bits(byte));
+        while self.spi.spsr.read().spif().bit_is_clear() {}
+        self.spi.spdr.read().bits()
     }
 }
 
@@ -120,9 +120,9 @@ impl SpiDevice for CanSpi {
 /// Sets chip select: low selects the MCP2515.
 fn select(port: &mut PORTB, selected: bool) {
     if CS_IS_D10 {
-        port.portb().modify(|_, w| w.pb2().bit(!selected));
+        port.portb.modify(|_, w| w.pb2().bit(!selected));
     } else {
-        port.portb().modify(|_, w| w.pb1().bit(!selected));
+        port.portb.modify(|_, w| w.pb1().bit(!selected));
     }
 }
 
@@ -134,8 +134,8 @@ pub struct Serial {
 
 impl Serial {
     pub fn write(&mut self, byte: u8) {
-        while self.usart.ucsr0a().read().udre0().bit_is_clear() {}
-        self.usart.udr0().write(|w| w.set(byte));
+        while self.usart.ucsr0a.read().udre0().bit_is_clear() {}
+        self.usart.udr0.write(|w| w.bits(byte));
     }
 }
 
@@ -147,14 +147,14 @@ pub struct Clock {
 impl Clock {
     /// CPU cycles, modulo 65,536.
     pub fn cycles(&self) -> u16 {
-        self.timer.tcnt1().read().bits()
+        self.timer.tcnt1.read().bits()
     }
 
     /// True if the counter has overflowed since the last call.
     pub fn overflowed(&mut self) -> bool {
-        let overflowed = self.timer.tifr1().read().tov1().bit_is_set();
+        let overflowed = self.timer.tifr1.read().tov1().bit_is_set();
         if overflowed {
-            self.timer.tifr1().write(|w| w.tov1().set_bit());
+            self.timer.tifr1.write(|w| w.tov1().set_bit());
         }
         overflowed
     }

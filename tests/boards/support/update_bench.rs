@@ -224,6 +224,11 @@ impl UpdateBench {
         assert_eq!(self.next_mode(), MAINTENANCE);
     }
 
+    /// The server sends NodeStatus each second, from now on.
+    pub fn server_begins_to_send_status(&mut self) {
+        self.status_at = self.bench.now();
+    }
+
     pub fn now_ms(&self) -> u64 {
         self.bench.now() / MS
     }

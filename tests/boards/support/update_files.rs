@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use bench::avr::Chip;
 use bench::{firmware, node_elf};
 
-use super::update_bench::{BUS, board};
+use super::update_bench::{BUS, HEADER, board};
 
 /// CRC-16-CCITT-FALSE.
 pub fn crc(bytes: &[u8]) -> u16 {
@@ -28,10 +28,19 @@ pub fn file() -> Vec<u8> {
         .unwrap_or_else(|error| panic!("{}: {error}; run \"make firmwares\"", path.display()))
 }
 
-/// Replaces the CRC of a program after a change of its bytes.
+/// Replaces the two bytes in the header with which the CRC of a program is 0, after a change of its
+/// bytes.
 pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
-    file.truncate(file.len() - 2);
-    file.extend(crc(&file).to_be_bytes());
+    let check = HEADER + 6;
+    file[check..check + 2].fill(0);
+    // The CRC before the two bytes that the rest of the file would turn into 0.
+    let wanted = file[check..].iter().rev().fold(0, |crc: u16, byte| {
+        let before = (0..8)
+            .fold(crc, |crc, _| if crc & 1 != 0 { (crc ^ 0x1021) >> 1 | 0x8000 } else { crc >> 1 });
+        before ^ u16::from(*byte) << 8
+    });
+    let is = crc(&file[..check]);
+    file[check..check + 2].copy_from_slice(&(is ^ wanted).to_be_bytes());
     file
 }
 

@@ -192,8 +192,13 @@ impl Rig {
     /// Boards with this ELF and these EEPROMs, powered up now. Each has its own seed, so that
     /// clocks and noise differ.
     pub fn with_boards_of(elf: &Path, eeproms: &[&[u8]]) -> Rig {
+        let board = Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
+        Rig::on_bus_of(board.wiring().fastest_bit_rate(), elf, eeproms)
+    }
+
+    /// Like [`Rig::with_boards_of`] on a bus of this bit rate.
+    pub fn on_bus_of(bit_rate: u32, elf: &Path, eeproms: &[&[u8]]) -> Rig {
         let load = || Board::load(elf).unwrap_or_else(|error| panic!("{error:#}"));
-        let bit_rate = load().wiring().fastest_bit_rate();
         let mut bench = Bench::new(bit_rate);
         for (eeprom, number) in eeproms.iter().zip(0..) {
             let mut board = load();
@@ -460,13 +465,7 @@ impl Rig {
     #[track_caller]
     pub fn lose_frames(&mut self) -> u32 {
         let before = self.board().chip().borrow().rx_overflows();
-        let end = self.now() + 20 * MS;
-        let cs = self.board().wiring().cs;
-        while self.board().pin(cs) {
-            assert!(self.now() < end, "CS stays high");
-            self.run_until(self.now() + US);
-        }
-        self.run_ms(1);
+        self.wait_for_supervision();
         for _ in 0..12 {
             self.send_status_from(10);
         }
@@ -474,6 +473,18 @@ impl Rig {
         self.run_ms(2);
         self.board().set_stuck_int(None);
         self.board().chip().borrow().rx_overflows() - before
+    }
+
+    /// Waits until the program has checked the controller, which it does again 10 ms later.
+    #[track_caller]
+    pub fn wait_for_supervision(&mut self) {
+        let end = self.now() + 20 * MS;
+        let cs = self.board().wiring().cs;
+        while self.board().pin(cs) {
+            assert!(self.now() < end, "CS stays high");
+            self.run_until(self.now() + US);
+        }
+        self.run_ms(1);
     }
 
     /// Data of the frames with this identifier, oldest first, each with the end of the frame.

@@ -35,10 +35,10 @@ const MOST_FRAMES: u32 = 10_000;
 /// EIMSK in the data space.
 const EIMSK: u16 = 0x3D;
 
-/// Buffers of the controller that a frame can go to.
+/// Buffers of the controller that a frame can go to. With several outputs each frame has two.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Buffers {
-    /// Types of which a node has one sender.
+    /// Short messages of which few come at a time.
     One = 1,
     /// All others.
     Two = 2,
@@ -59,6 +59,10 @@ pub struct Reception {
     pub frame: u32,
     /// The handler of the millisecond, and the one of the edges: cycles and the time between two.
     pub others: Vec<(u32, u32)>,
+    /// Some types have one buffer: only one output is in use.
+    pub has_one_buffer: bool,
+    /// The handler of the edges, if the program can have several outputs, as one of the others.
+    edges: Option<(u32, u32)>,
 }
 
 /// What is proved of a program with the project's annotations, which `change` may change.
@@ -85,8 +89,8 @@ fn read_at_most(annotations: &mut Annotations, frames: u32) {
 }
 
 impl Reception {
-    /// Of a program. `has_edges`: several outputs are in use.
-    pub fn of(elf: &[u8], has_edges: bool) -> Self {
+    /// Of a program, with one output in use.
+    pub fn of(elf: &[u8]) -> Self {
         let with = |scope: Scope, frames: u32, bytes: u32| {
             report(elf, scope, |annotations| {
                 read_at_most(annotations, frames);
@@ -104,10 +108,6 @@ impl Reception {
         };
         let further = |report: &Report| handler(report, "INT0").cycles.0;
         let looks = handler(&none, "INT0").looks.iter().map(|look| look.cycles.0);
-        let mut others = vec![(handler(&none, "TIMER0_COMPA").cycles.0, TICK)];
-        if has_edges {
-            others.push((handler(&none, "TIMER0_COMPB").cycles.0, EDGE));
-        }
         let masked = times(&none)
             .stretches
             .iter()
@@ -118,8 +118,16 @@ impl Reception {
             release: release(&none),
             short_release: release(&with(Scope::Handlers, 0, SHORT)),
             frame: further(&two) - further(&one),
-            others,
+            others: vec![(handler(&none, "TIMER0_COMPA").cycles.0, TICK)],
+            has_one_buffer: true,
+            edges: find(&none, "TIMER0_COMPB").map(|handler| (handler.cycles.0, EDGE)),
         }
+    }
+
+    /// The same with several outputs in use. `None` if the program has one.
+    pub fn with_several_outputs(&self) -> Option<Self> {
+        let others = [&self.others[..], &[self.edges?]].concat();
+        Some(Self { others, has_one_buffer: false, ..self.clone() })
     }
 
     /// Time of the handlers that interrupt, in a window.
@@ -166,7 +174,8 @@ impl Reception {
     /// The least margin of all frames of transfers. `None` if a backlog grows.
     pub fn least_margin(&self) -> Option<i64> {
         let of_two = LENGTHS.map(|bytes| self.margin(bytes, Buffers::Two));
-        of_two.into_iter().chain([self.margin(SHORT, Buffers::One)]).min()?
+        let of_one = self.has_one_buffer.then(|| self.margin(SHORT, Buffers::One));
+        of_two.into_iter().chain(of_one).min()?
     }
 }
 
@@ -181,8 +190,11 @@ pub fn limit(bytes: u32, buffers: Buffers) -> i64 {
 }
 
 fn handler<'a>(report: &'a Report, name: &str) -> &'a HandlerTime {
-    let found = times(report).handlers.iter().find(|handler| handler.interrupt == name);
-    found.unwrap_or_else(|| panic!("a handler of {name}"))
+    find(report, name).unwrap_or_else(|| panic!("a handler of {name}"))
+}
+
+fn find<'a>(report: &'a Report, name: &str) -> Option<&'a HandlerTime> {
+    times(report).handlers.iter().find(|handler| handler.interrupt == name)
 }
 
 /// The loop that reads the identifier, and then so many bytes of data.

@@ -645,8 +645,8 @@ impl Soak {
         self.report.updates[usize::from(reset.is_none())] += 1;
         if let Some(at) = reset {
             assert!(at < begin + SLOT_MS * MS, "the bootloader ran while commands were followed");
-            // A status that says disarmed counts for four seconds.
-            let may = !was_armed && silent_ms < 4000 || at >= last + 2000 * MS;
+            // A status that says disarmed counts for four to five seconds.
+            let may = !was_armed && silent_ms < 5000 || at >= last + 2000 * MS;
             assert!(may, "the bootloader ran {silent_ms} ms after a command, armed: {was_armed}");
         }
     }

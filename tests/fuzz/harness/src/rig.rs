@@ -176,6 +176,7 @@ impl Rig {
                     Event::Lost,
                     Event::GaveUpSending,
                     Event::Flags,
+                    Event::AnotherRate,
                 ];
                 let event = events[usize::from(event) % events.len()];
                 self.desk

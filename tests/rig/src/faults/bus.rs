@@ -11,7 +11,7 @@ use bench::can::{Fault, Frame, SoftNode};
 /// How long each fault lasts.
 const LASTS_MS: u64 = 2500;
 
-pub const ALL: [&Case; 13] = [
+pub const ALL: [&Case; 14] = [
     &CABLE,
     &ALONE,
     &SHORT,
@@ -19,6 +19,7 @@ pub const ALL: [&Case; 13] = [
     &BABBLE,
     &NO_ACKNOWLEDGE,
     &DESTROYED,
+    &DESTROYED_ALONE,
     &NOISE_5,
     &NOISE_4,
     &NOISE_3,
@@ -50,13 +51,13 @@ const CASE: Case = Case {
 pub const CABLE: Case = Case {
     fault: "the node's cable is pulled",
     noticed: "error-passive (bit 6), controller (bit 8)",
-    reaction: "tries each frame for a second, then drops it",
+    reaction: "tries its frames until error-passive, then one to three a second",
     run: || {
         let pull = |rig: &mut Rig, on: bool| {
             let port = rig.bench.port(0);
             rig.bench.bus().connect(port, !on);
         };
-        during(pull, "CAN: error-passive", CONTROLLER)
+        during(pull, "CAN H/L: error-passive", CONTROLLER)
     },
     ..CASE
 };
@@ -64,13 +65,13 @@ pub const CABLE: Case = Case {
 pub const ALONE: Case = Case {
     fault: "no other node on the bus",
     noticed: "error-passive (bit 6), controller (bit 8)",
-    reaction: "tries each frame for a second, then drops it",
+    reaction: "tries its frames until error-passive, then one to three a second",
     run: || {
         let leave = |rig: &mut Rig, on: bool| {
             let port = rig.peer_port;
             rig.bench.bus().connect(port, !on);
         };
-        during(leave, "CAN: error-passive", CONTROLLER)
+        during(leave, "CAN H/L: error-passive", CONTROLLER)
     },
     ..CASE
 };
@@ -86,7 +87,7 @@ pub const SHORT: Case = Case {
             rig.overflows_expected = true;
             rig.bench.bus().inject(Fault::StuckDominant(on));
         };
-        during(short, "CAN: ", 0)
+        during(short, "CAN H/L: ", 0)
     },
     ..CASE
 };
@@ -97,7 +98,7 @@ pub const WRONG_RATE: Case = Case {
         let mut trial = Trial::running();
         let intruder = Rc::new(RefCell::new(SoftNode::new(board().fastest_bit_rate() / 2)));
         let port = trial.rig.bench.attach("intruder", intruder.clone());
-        trial.begin("CAN: error-passive", |_| {
+        trial.begin("CAN H/L: error-passive", |_| {
             intruder.borrow_mut().babble(Some(Frame::extended(0x123, &[0x55; 8])))
         });
         trial.live(LASTS_MS);
@@ -122,7 +123,7 @@ pub const BABBLE: Case = Case {
                 Frame::extended(0x0010_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
             rig.peer.borrow_mut().babble(on.then_some(frame));
         };
-        during(flood, "CAN: nothing sent for 1 s", CONTROLLER)
+        during(flood, "CAN H/L: not sent", CONTROLLER)
     },
     ..CASE
 };
@@ -133,13 +134,13 @@ pub const NO_ACKNOWLEDGE: Case = Case {
                it can send",
     run: || {
         let mut trial = Trial::running();
-        trial.begin("CAN: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
+        trial.begin("CAN H/L: error-passive", |rig| rig.bench.bus().inject(Fault::NoAck(true)));
         trial.live(500);
         // From 128 on, a missing acknowledgement does not raise TEC. Another node's frame that
         // begins inside the error frame does, up to bus-off.
         let tec = trial.rig.board().chip().borrow().tec();
         assert!(
-            (128..=256).contains(&tec) || trial.rig.serial.contains("CAN: bus-off"),
+            (128..=256).contains(&tec) || trial.rig.serial.contains("CAN H/L: bus-off"),
             "TEC leaves the range of an error-passive sender: {tec}"
         );
         trial.end(|rig| rig.bench.bus().inject(Fault::NoAck(false)));
@@ -157,16 +158,37 @@ pub const NO_ACKNOWLEDGE: Case = Case {
 };
 
 pub const DESTROYED: Case = Case {
-    fault: "each frame is destroyed: bus-off through transmit errors",
-    noticed: "bus-off (bit 7), counted in `CanStats`",
-    reaction: "the controller comes back after 128 x 11 recessive bits and tries again",
+    fault: "each frame is destroyed",
+    noticed: "another bit rate (bit 8)",
+    reaction: "listens only, until a frame passes",
     servo: FAILSAFE,
     logged_limit_ms: Some(500),
     limit_ms: BUS_LIMIT_MS,
     run: || {
         let mut trial = Trial::running();
-        trial.begin("CAN: bus-off", |rig| rig.bench.bus().inject(Fault::DestroyFrames(true)));
+        trial.begin("another bit rate or crystal", |rig| {
+            rig.bench.bus().inject(Fault::DestroyFrames(true));
+        });
         trial.live(LASTS_MS);
+        trial.end(|rig| rig.bench.bus().inject(Fault::DestroyFrames(false)));
+        trial.recover(BUS_LIMIT_MS, CONTROLLER)
+    },
+};
+
+pub const DESTROYED_ALONE: Case = Case {
+    fault: "each frame is destroyed, and only the node sends: bus-off through transmit errors",
+    noticed: "bus-off (bit 7), counted in `CanStats`",
+    reaction: "the controller comes back after 128 x 11 recessive bits, and tries one to three \
+               frames a second",
+    servo: FAILSAFE,
+    logged_limit_ms: Some(500),
+    limit_ms: BUS_LIMIT_MS,
+    run: || {
+        let mut trial = Trial::running();
+        trial.begin("CAN H/L: bus-off", |rig| rig.bench.bus().inject(Fault::DestroyFrames(true)));
+        trial.autopilot_sends = false;
+        trial.live(LASTS_MS);
+        trial.autopilot_sends = true;
         trial.end(|rig| rig.bench.bus().inject(Fault::DestroyFrames(false)));
         let measured = trial.recover(BUS_LIMIT_MS, BUS_OFF);
         let statistics = trial.statistics();
@@ -216,7 +238,7 @@ pub const BROKEN_WHILE_STARTING: Case = Case {
         let mut trial = Trial::running();
         // The controller may join the free bus, and overflow, before the driver polls it.
         trial.rig.overflows_expected = true;
-        trial.begin("CAN: bus never idle", |rig| {
+        trial.begin("CAN H/L: never idle", |rig| {
             rig.bench.bus().inject(Fault::StuckDominant(true));
             rig.cut_power();
         });
@@ -229,9 +251,10 @@ pub const BROKEN_WHILE_STARTING: Case = Case {
 
 pub const OWN_RATE_WRONG: Case = Case {
     fault: "the node itself is set to another bit rate than the bus",
-    noticed: "error-passive (bit 6), on the serial monitor only",
-    reaction: "none; no other node can hear it. Correct its bit rate on a bus that has the node's \
-               rate",
+    noticed: "the first disturbed frame before one has passed (bit 8), on the serial monitor only",
+    reaction: "listens only, after at most 20 error frames, or 60 on a bus on which \
+               nobody sends. Correct its bit rate \
+               on a bus that has the node's rate",
     servo: "no pulse before the first command",
     logged_limit_ms: Some(1300),
     limit_ms: BUS_LIMIT_MS,
@@ -244,7 +267,7 @@ pub const OWN_RATE_WRONG: Case = Case {
         rig.save();
         let wrong = rig.board().avr().eeprom();
         let mut trial = Trial::with(rig);
-        trial.begin("CAN: error-passive", |rig| {
+        trial.begin("another bit rate or crystal", |rig| {
             rig.board().avr_mut().set_eeprom(&wrong);
             rig.cut_power();
         });

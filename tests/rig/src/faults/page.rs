@@ -76,6 +76,10 @@ tests must notice them.
   filters again, because a changed filter may be why commands stopped. A filter that accepts too
   much only costs time. One that rejects requests or statuses is corrected by the next failsafe or
   restart.
+* A bit of RXB1CTRL, TXRTSCTRL or BFPCTRL that flips, until the next failsafe or restart. RXM in
+  RXB1CTRL can turn off the filters of buffer 1: the program rejects what comes in addition, and
+  loses nothing on a full bus. The other two give functions to pins that are not connected; those
+  that are inputs have pull-ups (DS20001801J table 1-1). `tests/boards/chip_faults.rs` flips them.
 * A bit that flips on the SPI while the node reads a command: a single-frame transfer has no CRC
   that the program can check. The pulse stays within the travel, and the next command corrects it.
 ";

@@ -6,16 +6,18 @@ use std::collections::VecDeque;
 use bench::Cycles;
 use bench::avr::Pulse;
 
+use super::super::US;
 use super::super::load::Samples;
-use super::super::{MS, US};
+use super::setup::Escs;
 use super::source::Command;
 
 /// A pulse may be off by two ticks: the value of a command is rounded twice.
 const TOLERANCE: i32 = 2;
+/// The same for an eighth of a pulse, which is rounded once more, in ticks of the whole.
+const TOLERANCE_OF_EIGHTHS: i32 = TOLERANCE + 4 + 8;
 /// The controller has a frame some bit times before the frame ends for the bus.
 const END_OF_FRAME: Cycles = 4 * US;
-/// Time from the beginning of an output's pulse to that of the next output's.
-const SLOT: Cycles = 5 * MS / 2;
+
 /// A command on the bus.
 #[derive(Clone, Copy, Debug)]
 struct Waiting {
@@ -28,8 +30,8 @@ struct Waiting {
 }
 
 impl Waiting {
-    fn asks_for(&self, pulse: i32) -> bool {
-        (self.pulse - pulse).abs() <= TOLERANCE
+    fn asks_for(&self, pulse: i32, tolerance: i32) -> bool {
+        (self.pulse - pulse).abs() <= tolerance
     }
 }
 
@@ -61,7 +63,8 @@ impl Register {
 
     /// The register got this value, in ticks.
     pub fn written(&mut self, at: Cycles, pulse: i32) {
-        let is_newest = |waiting: &Waiting| waiting.ended <= at && waiting.asks_for(pulse);
+        let is_newest =
+            |waiting: &Waiting| waiting.ended <= at && waiting.asks_for(pulse, TOLERANCE);
         let Some(newest) = self.waiting.iter().rposition(is_newest) else {
             self.unasked += 1;
             return;
@@ -87,15 +90,35 @@ pub struct Pulses {
     pub seen: u64,
     /// Number of pulses whose width no command had asked for.
     pub unasked: u64,
-    /// For each pulse: cycles from the end of the oldest newer command to the moment at which the
-    /// board takes over the widths of all outputs; 0 if the newest command made the pulse. Nobody
-    /// waits for a motor to stop that an esc.RawCommand leaves out.
+    /// For each pulse: cycles from the end of the oldest newer command to the beginning of the
+    /// pulse; 0 if the newest command made the pulse. Nobody waits for a motor to stop that an
+    /// esc.RawCommand leaves out.
     pub stale: Samples,
+    /// For each pulse that a command made: cycles from the command's end to the beginning of the
+    /// pulse.
+    pub age: Samples,
+    /// Time from the end of a command to that of the next, in cycles.
+    pub intervals: Samples,
+    last_command: Option<Cycles>,
+    /// Widths of the pulses, and the time from the beginning of one to that of the next, in cycles.
+    pub widths: Samples,
+    pub periods: Samples,
+    /// The pulses are eighths of those that the commands ask for.
+    are_eighths: bool,
+    last_start: Option<Cycles>,
 }
 
 impl Pulses {
+    /// No pulse yet of an output that has these pulses.
+    pub fn of(escs: Escs) -> Pulses {
+        Pulses { are_eighths: escs == Escs::OneShot125, ..Pulses::default() }
+    }
+
     /// A command's last frame ended.
     pub fn command(&mut self, ended: Cycles, Command { pulse, is_stop, .. }: Command) {
+        if let Some(last) = self.last_command.replace(ended) {
+            self.intervals.push(ended - last);
+        }
         self.commands.push_back(Waiting { ended, pulse, is_stop });
     }
 
@@ -104,24 +127,32 @@ impl Pulses {
         self.commands.retain(|command| command.ended.abs_diff(at) > END_OF_FRAME);
     }
 
-    /// A pulse of output `output`, counted from 0, ended.
-    pub fn pulse(&mut self, output: usize, pulse: &Pulse) {
-        // All outputs get their widths when the pulse of the first one begins.
-        let taken_over = pulse.start.saturating_sub(output as Cycles * SLOT);
-        let width = (pulse.width_cycles / 8) as i32;
-        let older = self.commands.partition_point(|command| command.ended <= taken_over);
+    /// A pulse ended.
+    pub fn pulse(&mut self, pulse: &Pulse) {
+        let (width, tolerance) = match self.are_eighths {
+            true => (pulse.width_cycles as i32, TOLERANCE_OF_EIGHTHS),
+            false => ((pulse.width_cycles / 8) as i32, TOLERANCE),
+        };
+        self.widths.push(pulse.width_cycles);
+        if let Some(last) = self.last_start.replace(pulse.start) {
+            self.periods.push(pulse.start - last);
+        }
+        let older = self.commands.partition_point(|command| command.ended <= pulse.start);
         if older == 0 {
             // It has not been commanded yet.
             return;
         }
         self.seen += 1;
-        let made_by = self.commands.iter().take(older).rposition(|command| command.asks_for(width));
-        let Some(made_by) = made_by else {
+        let is_of = |command: &Waiting| command.asks_for(width, tolerance);
+        let Some(made_by) = self.commands.iter().take(older).rposition(is_of) else {
             self.unasked += 1;
             return;
         };
+        if !self.commands[made_by].is_stop {
+            self.age.push(pulse.start - self.commands[made_by].ended);
+        }
         let newer = self.commands.range(made_by + 1..older).find(|command| !command.is_stop);
-        self.stale.push(newer.map_or(0, |command| taken_over - command.ended));
+        self.stale.push(newer.map_or(0, |command| pulse.start - command.ended));
         // The one that made this pulse can make further ones.
         self.commands.drain(..made_by);
     }

@@ -24,7 +24,7 @@ use bench::{Cycles, F_CPU_HZ, Noise};
 
 pub use fill::Fills;
 pub use follow::{Pulses, Register};
-pub use setup::{Preset, Setup};
+pub use setup::{Escs, Preset, Setup};
 pub use source::{Sent, Source, Traffic};
 pub use values::Unit;
 
@@ -175,7 +175,7 @@ impl Flood {
         Flood {
             outcome: Outcome {
                 meter,
-                pulses: (0..several).map(|_| Pulses::default()).collect(),
+                pulses: (0..several).map(|_| Pulses::of(setup.escs)).collect(),
                 places: queue.places,
                 ..Outcome::default()
             },
@@ -381,10 +381,10 @@ impl Flood {
             self.outcome.periods += 1;
             self.outcome.jitter += u64::from(*self.period.get_or_insert(period) != period);
         }
-        let all = [first].into_iter().chain(further).enumerate();
-        for ((output, pulses), followed) in all.zip(&mut self.outcome.pulses) {
+        let all = [first].into_iter().chain(further);
+        for (pulses, followed) in all.zip(&mut self.outcome.pulses) {
             for pulse in &pulses {
-                followed.pulse(output, pulse);
+                followed.pulse(pulse);
             }
         }
     }

@@ -18,6 +18,19 @@ pub enum Preset {
     Remote,
     Thesis,
     Full,
+    /// No preset, but the feature `escs`.
+    Escs,
+}
+
+/// The pulses of motors: ESC_PWM_TYPE and ESC_RATE.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Escs {
+    /// The defaults: normal pulses at 50 Hz.
+    Slow,
+    /// Normal pulses at 400 Hz.
+    Fast,
+    /// OneShot125 at 400 Hz.
+    OneShot125,
 }
 
 /// A program and its outputs.
@@ -28,6 +41,7 @@ pub struct Setup {
     pub servos: usize,
     /// Number of outputs that are motors: those after the servos, with the indices 0, 1 and so on.
     pub motors: usize,
+    pub escs: Escs,
 }
 
 impl Setup {
@@ -45,7 +59,12 @@ impl Setup {
 
     /// A program with so many servos and motors.
     pub const fn of(preset: Preset, servos: usize, motors: usize) -> Setup {
-        Setup { preset, servos, motors }
+        Setup { preset, servos, motors, escs: Escs::Slow }
+    }
+
+    /// The program with the feature `escs`, and so many motors that have these pulses.
+    pub const fn of_escs(motors: usize, escs: Escs) -> Setup {
+        Setup { escs, ..Setup::of(Preset::Escs, 0, motors) }
     }
 
     /// Number of outputs in use.
@@ -55,7 +74,7 @@ impl Setup {
 
     /// The board that the program is for, with a Seeed shield.
     pub fn board(&self) -> &'static str {
-        if self.preset == Preset::Full { "uno" } else { "diecimila" }
+        if matches!(self.preset, Preset::Full | Preset::Escs) { "uno" } else { "diecimila" }
     }
 
     /// The chip that the program is for.
@@ -108,6 +127,12 @@ impl Setup {
                 rig.set(&format!("OUT{output}_TYPE"), 1);
                 rig.set(&format!("OUT{output}_ID"), motor as i64);
             }
+            if self.escs == Escs::OneShot125 {
+                rig.set("ESC_PWM_TYPE", 3);
+            }
+            if self.escs != Escs::Slow {
+                rig.set("ESC_RATE", 400);
+            }
             rig.save();
         }
         rig.board().avr().eeprom()
@@ -120,6 +145,7 @@ impl fmt::Display for Setup {
         match (self.preset, self.servos, self.motors) {
             (Preset::Full, servos, 0) => write!(f, ", servos {servos}"),
             (Preset::Full, 0, motors) => write!(f, ", motors {motors}"),
+            (Preset::Escs, _, motors) => write!(f, ", motors {motors}, {:?}", self.escs),
             (Preset::Full, servos, motors) => write!(f, ", servos {servos}, motors {motors}"),
             _ => Ok(()),
         }

@@ -17,6 +17,10 @@ use super::values::{Recent, STOPPED, Unit};
 pub const SENDERS: [u8; 2] = [20, 21];
 /// Actuator IDs that no output has are this and above.
 const ELSEWHERE: u64 = 100;
+/// Frames of [`Traffic::Foreign`]: uavcan.equipment.esc.Status, and a response of param.GetSet to
+/// node 22.
+const ESC_STATUS: u32 = 1034 << 8;
+const RESPONSE_TO_OTHERS: u32 = 11 << 16 | 22 << 8 | 1 << 7;
 /// Time between two ArmingStatus, which motors need.
 const ARMING_PERIOD: Cycles = 500 * MS;
 /// Time between two commands for each output that is not flooded.
@@ -48,6 +52,12 @@ pub enum Traffic {
     Lights,
     /// ArrayCommands of one entry for the first servo, and one each 20 ms for the others.
     OneServo,
+    /// Frames of other nodes for others, of random length, and each 20 ms a command for all
+    /// outputs: with several outputs the filters let them pass.
+    Foreign,
+    /// NodeStatus, and short messages of which few come at a time: thesis.ServoCommand, or
+    /// ArmingStatus for motors alone.
+    LongAndShort,
     /// All that are for these outputs, at random.
     Mixed,
 }
@@ -73,6 +83,9 @@ impl Traffic {
         }
         if setup.preset == Preset::Full {
             all.push(Traffic::Lights);
+        }
+        if setup.outputs() > 1 {
+            all.extend([Traffic::Foreign, Traffic::LongAndShort]);
         }
         if setup.servos > 1 {
             all.push(Traffic::OneServo);
@@ -142,7 +155,7 @@ impl Source {
             senders,
             priority,
             random: Noise::new(seed),
-            recent: Default::default(),
+            recent: std::array::from_fn(|_| Recent::of(setup.escs)),
             transfer_ids: BTreeMap::new(),
             now: 0,
             arming_at: 0,
@@ -163,7 +176,7 @@ impl Source {
             return self.transfer(self.traffic, SENDERS[0]);
         }
         let [first, second] = SENDERS.map(|sender| self.transfer(self.traffic, sender));
-        if self.setup.preset != Preset::Full {
+        if !matches!(self.setup.preset, Preset::Full | Preset::Escs) {
             return [first, second].concat();
         }
         let (mut first, mut second) = (first.into_iter(), second.into_iter());
@@ -197,6 +210,12 @@ impl Source {
                 self.command(servo, unit, sender)
             }
             Traffic::List(entries) => self.list(entries, sender),
+            Traffic::Foreign => self.foreign(sender),
+            Traffic::LongAndShort => {
+                let short = if self.setup.servos > 0 { Traffic::Byte } else { Traffic::Arming };
+                let is_long = self.random.below(10) < 6;
+                self.transfer(if is_long { Traffic::Status } else { short }, sender)
+            }
             Traffic::Throttles(motors) => self.throttles(motors, sender),
             Traffic::Byte => {
                 let (byte, pulse) = self.recent[0].byte(&mut self.random);
@@ -245,6 +264,22 @@ impl Source {
             }
             other => unreachable!("{other:?} has commands"),
         }
+    }
+
+    /// An esc.Status or a response of another node in one frame, or the command that is due.
+    fn foreign(&mut self, sender: u8) -> Vec<Sent> {
+        if self.now >= self.trickle_at {
+            self.trickle_at = self.now + TRICKLE_PERIOD;
+            return match self.setup.motors {
+                0 => self.list(self.setup.servos, sender),
+                motors => self.throttles(motors, sender),
+            };
+        }
+        let bytes = self.random.next_u64().to_le_bytes();
+        let id = [ESC_STATUS, RESPONSE_TO_OTHERS][self.random.below(2) as usize];
+        let length = 1 + self.random.below(8) as usize;
+        let id = self.with_priority(id | u32::from(sender));
+        vec![(Frame::extended(id, &bytes[..length]), Vec::new())]
     }
 
     /// The servo of the next command of [`Traffic::OneServo`].

@@ -6,10 +6,13 @@ use std::f32::consts::FRAC_PI_4;
 
 use bench::Noise;
 
-/// Commands of an output in a row that ask for different pulses.
-const DISTINCT: usize = 40;
-/// Least difference between two of them, in ticks of half a microsecond. A pulse may be off by two.
-const APART: i32 = 5;
+use super::setup::Escs;
+
+/// Commands of an output in a row that ask for different pulses, and the least difference between
+/// two of them, in ticks of half a microsecond. A pulse may be off by two.
+const DISTINCT: (usize, i32) = (40, 5);
+/// The same for OneShot125, where an eighth of a pulse may be off by one.
+const DISTINCT_EIGHTHS: (usize, i32) = (20, 30);
 
 /// The unit of an entry of ArrayCommand.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,14 +73,25 @@ fn any_finite(unit: Unit, random: &mut Noise) -> half::f16 {
 }
 
 /// The last pulses of an output, so that each of its commands asks for another pulse than the last
-/// [`DISTINCT`] ones.
-#[derive(Debug, Default)]
-pub struct Recent(VecDeque<i32>);
+/// ones: see [`DISTINCT`].
+#[derive(Debug)]
+pub struct Recent {
+    pulses: VecDeque<i32>,
+    count: usize,
+    apart: i32,
+}
 
 impl Recent {
+    /// No pulse yet of an output that has these pulses.
+    pub fn of(escs: Escs) -> Recent {
+        let (count, apart) = if escs == Escs::OneShot125 { DISTINCT_EIGHTHS } else { DISTINCT };
+        Recent { pulses: VecDeque::new(), count, apart }
+    }
+
     /// Draws until the pulse differs from the recent ones. After 100 attempts any pulse is good.
     fn distinct<T>(&mut self, mut draw: impl FnMut() -> (T, i32)) -> (T, i32) {
-        let is_recent = |pulse: i32| self.0.iter().any(|other| (other - pulse).abs() < APART);
+        let is_near = |pulse: i32, other: &i32| (other - pulse).abs() < self.apart;
+        let is_recent = |pulse| self.pulses.iter().any(|other| is_near(pulse, other));
         let mut drawn = draw();
         for _ in 0..100 {
             if !is_recent(drawn.1) {
@@ -85,10 +99,10 @@ impl Recent {
             }
             drawn = draw();
         }
-        if self.0.len() == DISTINCT {
-            self.0.pop_front();
+        if self.pulses.len() == self.count {
+            self.pulses.pop_front();
         }
-        self.0.push_back(drawn.1);
+        self.pulses.push_back(drawn.1);
         drawn
     }
 
