@@ -2,7 +2,8 @@
 // the programs of the cross-check.
 //
 //   node build.mjs TARGET    TARGET is cargo's target directory; writes TARGET/web and
-//                            TARGET/web-build. scripts/web makes what it needs.
+//                            TARGET/web-build. scripts/web makes what it needs. REPOSITORY is the
+//                            address that the page links to; by default that of the workflow.
 
 import { build } from "esbuild";
 import { copyFileSync, mkdirSync, readFileSync, readdirSync, statSync, writeFileSync } from "node:fs";
@@ -22,12 +23,46 @@ const common = {
   target: "es2022",
   // For Node.js, too: the other form of avr8js calls functions through getters.
   mainFields: ["module", "main"],
-  alias: { pkg: join(work, "pkg"), binary: join(work, "pkg"), programs: join(work, "programs") },
+  alias: {
+    pkg: join(work, "pkg"),
+    binary: join(work, "pkg"),
+    programs: join(work, "programs"),
+    "parameters.json": join(work, "parameters.json"),
+    "boards.json": join(work, "boards.json"),
+  },
   // wasm-bindgen's default is to fetch a file: the page has the bytes.
   define: { "import.meta.url": "undefined" },
 };
 
+/** Unit and meaning of each parameter in the table of docs/parameters.md, as text. */
+function documented() {
+  const plain = (cell) => cell.replace(/\[([^\]]*)\]\([^)]*\)/g, "$1").replaceAll("`", "").trim();
+  const rows = {};
+  for (const line of readFileSync("../docs/parameters.md", "utf8").split("\n")) {
+    const [, , name, unit, , , meaning] = line.split("|");
+    const known = /^ `(\w+)`/.exec(name ?? "");
+    if (known && meaning) {
+      rows[known[1]] = { unit: plain(unit), meaning: plain(meaning) };
+    }
+  }
+  return rows;
+}
+
+/** The page with links to the repository, if its address is known, instead of the page's copies. */
+function withAddress(html) {
+  const { GITHUB_SERVER_URL, GITHUB_REPOSITORY } = process.env;
+  const workflow = GITHUB_REPOSITORY && `${GITHUB_SERVER_URL}/${GITHUB_REPOSITORY}`;
+  const address = process.env.REPOSITORY ?? workflow;
+  if (!address) {
+    return html;
+  }
+  return html
+    .replace('<a href="README.md">README', `<a href="${address}">Repository`)
+    .replace('href="docs/', `href="${address}/blob/HEAD/docs/`);
+}
+
 mkdirSync(out, { recursive: true });
+writeFileSync(join(work, "parameters.json"), JSON.stringify(documented()));
 await build({
   ...common,
   entryPoints: { app: "ui/page/main.ts" },
@@ -36,13 +71,22 @@ await build({
   minify: true,
   loader: { ".wasm": "binary", ".elf": "binary" },
 });
-copyFileSync("ui/page/index.html", join(out, "index.html"));
+writeFileSync(join(out, "index.html"), withAddress(readFileSync("ui/page/index.html", "utf8")));
+mkdirSync(join(out, "docs"), { recursive: true });
+copyFileSync("../README.md", join(out, "README.md"));
+for (const name of readdirSync("../docs").filter((entry) => entry.endsWith(".md"))) {
+  copyFileSync(join("../docs", name), join(out, "docs", name));
+}
+const own = [
+  readFileSync("../README.md", "utf8").split("## Licences")[1],
+  ...["../LICENSE-MIT", "../LICENSE-APACHE", "../sim/LICENSE"].map((file) => readFileSync(file, "utf8")),
+];
 const licences = LINKED.map((name) => {
   const directory = `node_modules/${name}`;
   const file = readdirSync(directory).find((entry) => /^licen[sc]e/i.test(entry));
   return `${name}\n\n${readFileSync(join(directory, file), "utf8").trim()}\n`;
 });
-writeFileSync(join(out, "licences.txt"), licences.join(`\n${"-".repeat(80)}\n\n`));
+writeFileSync(join(out, "licences.txt"), [...own, ...licences].join(`\n${"-".repeat(80)}\n\n`));
 await build({
   ...common,
   entryPoints: { run: "check/run.ts" },

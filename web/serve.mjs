@@ -1,6 +1,7 @@
-// Serves a directory of static files on loopback, and prints the address.
+// Serves a directory of static files, and prints the address.
 //
-//   node serve.mjs [DIRECTORY [PORT]]    port 0, the default, is any free one
+//   node serve.mjs [DIRECTORY [PORT [HOST]]]    port 0, the default, is any free one; without HOST
+//                                               on loopback, which other machines do not reach
 
 import { createServer } from "node:http";
 import { createReadStream, statSync } from "node:fs";
@@ -11,6 +12,12 @@ const TYPES = {
   ".html": "text/html; charset=utf-8",
   ".js": "text/javascript; charset=utf-8",
   ".css": "text/css; charset=utf-8",
+  ".txt": "text/plain; charset=utf-8",
+  ".md": "text/plain; charset=utf-8",
+  ".svg": "image/svg+xml",
+  ".png": "image/png",
+  ".json": "application/json",
+  ".wasm": "application/wasm",
 };
 
 /** The path of a request; null if it is no path. */
@@ -23,7 +30,7 @@ function pathOf(request) {
 }
 
 /** Starts a server for a directory. Returns it and its address. Throws if the port is in use. */
-export async function serve(directory, port = 0) {
+export async function serve(directory, port = 0, host = "127.0.0.1") {
   const root = resolve(directory);
   const server = createServer((request, response) => {
     const path = pathOf(request);
@@ -44,13 +51,14 @@ export async function serve(directory, port = 0) {
   });
   await new Promise((done, failed) => {
     server.once("error", failed);
-    server.listen(port, "127.0.0.1", done);
+    server.listen(port, host, done);
   });
-  return { server, address: `http://127.0.0.1:${server.address().port}/` };
+  const name = host.includes(":") ? `[${host}]` : host;
+  return { server, address: `http://${name}:${server.address().port}/` };
 }
 
 if (import.meta.url === pathToFileURL(process.argv[1]).href) {
-  const [directory = "../target/web", port = "0"] = process.argv.slice(2);
+  const [directory = "../target/web", port = "0", host = "127.0.0.1"] = process.argv.slice(2);
   const fail = (text) => {
     console.error(`${text} Use WEB_PORT=8000, or another number from 1024 to 65535; 0 is any free port.`);
     process.exit(1);
@@ -59,9 +67,13 @@ if (import.meta.url === pathToFileURL(process.argv[1]).href) {
     fail(`WEB_PORT=${port} is no port.`);
   }
   try {
-    const { address } = await serve(directory, Number(port));
+    const { address } = await serve(directory, Number(port), host);
     console.log(`The page is at ${address}   (Ctrl-C ends)`);
   } catch (error) {
+    if (error.code === "EADDRNOTAVAIL" || error.code === "ENOTFOUND" || error.code === "EAI_AGAIN") {
+      console.error(`WEB_HOST=${host} is no address of this machine. 0.0.0.0 is all that it has.`);
+      process.exit(1);
+    }
     fail(error.code === "EADDRINUSE" ? `Port ${port} is in use.` : `Port ${port}: ${error.message}.`);
   }
 }

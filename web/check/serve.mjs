@@ -45,6 +45,29 @@ test("the server outlives paths that are none, and gives no file outside its dir
   server.close();
 });
 
+test("each kind of file has its type", async () => {
+  const { server, address } = await serve(directory);
+  for (const [name, type] of [
+    ["index.html", "text/html; charset=utf-8"],
+    ["licences.txt", "text/plain; charset=utf-8"],
+    ["web.wasm", "application/wasm"],
+    ["app.js", "text/javascript; charset=utf-8"],
+    ["node.elf", "application/octet-stream"],
+  ]) {
+    writeFileSync(join(directory, name), "the page");
+    const response = await fetch(address + name);
+    assert.equal(response.headers.get("content-type"), type, name);
+  }
+  server.closeAllConnections();
+  server.close();
+});
+
+test("an address that the machine has not is answered with what to do", () => {
+  const done = spawnSync(process.execPath, [PROGRAM, directory, "0", "192.0.2.1"], { encoding: "utf8" });
+  assert.equal(done.status, 1, done.stdout);
+  assert.match(done.stderr, /WEB_HOST=192\.0\.2\.1 is no address of this machine\. 0\.0\.0\.0/);
+});
+
 test("a wrong port and one in use are answered with what to do", async () => {
   const { server } = await serve(directory);
   for (const [port, text] of [

@@ -12,7 +12,7 @@ export function trace(
   seed: number,
 ): string {
   initSync({ module: wasm });
-  const program = Program.parse(elf);
+  const program = Program.parse(elf, "{}");
   const processor = new Processor(program.flash(), program.ram_bytes(), program.eeprom());
   return cross_check(program, processor, traffic, seconds, seed);
 }

@@ -1,52 +1,129 @@
 //! What JavaScript calls.
 
+use std::collections::HashMap;
+use std::time::Duration;
+
+use anyhow::{Error, Result as AnyResult, bail};
 use bench::avr::{Chip, Firmware, Processor};
-use bench::dronecan::Opcode;
+use bench::bus_log::Format;
+use bench::dronecan::{NodeId, Opcode, Value};
+use bench::wires;
+use bench::wiring::{BIT_RATES, Wiring, crystal_mhz};
+use serde_json::json;
 use wasm_bindgen::prelude::*;
 
+use crate::bus;
 use crate::js::{Avr8js, JsAvr, flash_of};
 use crate::page::{self, Page};
+use crate::program_file;
 use crate::scenario::{self, Traffic};
+use crate::stk500::{Failure, Flash, Phase, Session};
 
-/// A program from an ELF or Intel HEX file.
+/// A program from an ELF or Intel HEX file, and its board.
 #[wasm_bindgen]
 pub struct Program {
     firmware: Firmware,
-    chip: Chip,
+    wiring: Wiring,
+    bit_rate: u32,
+    names_chip: bool,
+}
+
+/// Crystals of CAN boards, in MHz.
+const CRYSTALS: [u32; 2] = [8, 16];
+
+/// What can be chosen for the board of a program, with titles, a JSON object.
+#[wasm_bindgen]
+pub fn choices() -> String {
+    let named = |kind: &str| -> Vec<[String; 2]> {
+        boards::names(kind)
+            .map(|name| [name, boards::text(boards::entry(kind, name), "title")].map(String::from))
+            .collect()
+    };
+    let pins = |digital: std::ops::RangeInclusive<u8>| -> Vec<[String; 2]> {
+        digital.map(|pin| [format!("D{pin}"), format!("D{pin}")]).collect()
+    };
+    let mut selects = pins(2..=10);
+    selects.extend((0..=5).map(|pin| [format!("A{pin}"), format!("A{pin}")]));
+    let crystals = CRYSTALS.map(|mhz| [mhz.to_string(), format!("{mhz} MHz")]);
+    let rates = BIT_RATES.map(|rate| [rate.to_string(), format!("{} kbit/s", rate / 1000)]);
+    json!({
+        "mcu": named("chips"),
+        "board": named("boards"),
+        "shield": named("shields"),
+        "cs": selects,
+        "int": pins(2..=10),
+        "crystal": crystals,
+        "bit_rate": rates,
+    })
+    .to_string()
+}
+
+/// Reads the choices of a user, a JSON object of texts with keys of [`choices`]: the wiring, and
+/// the bit rate.
+fn chosen(options: &str) -> AnyResult<(wires::Args, Option<u32>)> {
+    let options: HashMap<String, String> = serde_json::from_str(options)?;
+    let (mut args, mut bit_rate) = (wires::Args::default(), None);
+    for (name, value) in options {
+        match name.as_str() {
+            "mcu" => args.mcu = Some(value.parse().map_err(Error::msg)?),
+            "board" => args.board = Some(value),
+            "shield" => args.shield = Some(value),
+            "cs" => args.cs = Some(value.parse().map_err(Error::msg)?),
+            "int" => args.int = Some(value.parse().map_err(Error::msg)?),
+            "crystal" => args.crystal = Some(crystal_mhz(&value).map_err(Error::msg)?),
+            "bit_rate" => bit_rate = Some(value.parse()?),
+            _ => bail!("nobody can choose \"{name}\""),
+        }
+    }
+    Ok((args, bit_rate))
 }
 
 #[wasm_bindgen]
 impl Program {
-    /// Reads a file.
+    /// Reads a file. `options` is a JSON object with what the user has chosen of [`choices`].
     ///
     /// # Errors
-    /// If the file is not a program for one of the chips; the text says why.
-    pub fn parse(bytes: &[u8]) -> Result<Program, String> {
+    /// If the file is not a program for the chip, or the wiring is impossible; the text says why.
+    pub fn parse(bytes: &[u8], options: &str) -> Result<Program, String> {
+        text(Program::read(bytes, options))
+    }
+
+    fn read(bytes: &[u8], options: &str) -> AnyResult<Program> {
         let firmware = match std::str::from_utf8(bytes) {
             Ok(text) if text.starts_with(':') => Firmware::parse_hex(text),
             _ => Firmware::parse(bytes),
-        };
-        let checked = firmware.and_then(|firmware| {
-            let chip = firmware.chip()?.unwrap_or_default();
-            firmware.check_fits(chip)?;
-            Ok(Program { firmware, chip })
-        });
-        text(checked)
+        }?;
+        let (args, bit_rate) = chosen(options)?;
+        let wiring = args.apply(Wiring::of_program(&firmware)?)?;
+        let bit_rate = bit_rate.unwrap_or(wiring.fastest_bit_rate());
+        wiring.check_bit_rate(bit_rate)?;
+        let names_chip = firmware.chip()?.is_some() || args.mcu.is_some() || args.board.is_some();
+        firmware.check_fits(wiring.chip)?;
+        Ok(Program { firmware, wiring, bit_rate, names_chip })
+    }
+
+    /// False if neither the file nor the user says for which chip the program is.
+    pub fn names_chip(&self) -> bool {
+        self.names_chip
+    }
+
+    fn chip(&self) -> Chip {
+        self.wiring.chip
     }
 
     /// The flash with the program.
     pub fn flash(&self) -> Vec<u8> {
-        flash_of(&self.firmware, self.chip)
+        flash_of(&self.firmware, self.chip())
     }
 
     /// Bytes of RAM of the chip.
     pub fn ram_bytes(&self) -> usize {
-        self.chip.ram_bytes()
+        self.chip().ram_bytes()
     }
 
     /// The EEPROM as the file fills it, else erased.
     pub fn eeprom(&self) -> Vec<u8> {
-        let mut eeprom = vec![0xFF; self.chip.eeprom_bytes()];
+        let mut eeprom = vec![0xFF; self.chip().eeprom_bytes()];
         for (address, bytes) in &self.firmware.eeprom {
             eeprom[*address..address + bytes.len()].copy_from_slice(bytes);
         }
@@ -68,7 +145,7 @@ pub fn cross_check(
     seed: u32,
 ) -> Result<String, String> {
     let traffic = Traffic::named(traffic).ok_or("no such traffic")?;
-    let processor = Avr8js::new(avr, program.chip);
+    let processor = Avr8js::new(avr, program.chip());
     text(scenario::run(processor, &program.firmware, traffic, seconds.into(), seed.into()))
 }
 
@@ -90,13 +167,20 @@ impl Simulation {
     /// If the wiring in the program is impossible, or there is no such autopilot.
     #[wasm_bindgen(constructor)]
     pub fn new(program: &Program, avr: JsAvr, autopilot: &str) -> Result<Simulation, String> {
-        let processor = Avr8js::new(avr, program.chip);
-        text(Page::new(processor, &program.firmware, autopilot)).map(Simulation)
+        let processor = Avr8js::new(avr, program.chip());
+        let knows_vendor_code = program.firmware.board.is_some();
+        let (wiring, bit_rate) = (&program.wiring, program.bit_rate);
+        text(Page::new(processor, wiring, bit_rate, knows_vendor_code, autopilot)).map(Simulation)
     }
 
     /// Simulated time.
     pub fn now(&mut self) -> f64 {
         self.0.world().now() as f64
+    }
+
+    /// Frames on the bus since the start.
+    pub fn frames(&mut self) -> f64 {
+        self.0.world().bench.bus().stats().frames as f64
     }
 
     /// Simulates until `until`.
@@ -138,12 +222,45 @@ impl Simulation {
         text(self.0.inject(name))
     }
 
+    /// Plays a script of `sim`, or a recording of a bus. Returns in words what it has.
+    ///
+    /// # Errors
+    /// If a line is invalid: its number, and the reason.
+    pub fn play(&mut self, script: &[u8]) -> Result<String, String> {
+        text(self.0.play(script))
+    }
+
+    /// The bus since power-on, as candump text.
+    pub fn candump(&self) -> Vec<u8> {
+        self.0.bus_log(Format::Candump)
+    }
+
+    /// The bus since power-on, as pcap.
+    pub fn pcap(&self) -> Vec<u8> {
+        self.0.bus_log(Format::Pcap)
+    }
+
+    /// Begins to record the wires of the board and the bus.
+    pub fn record_wires(&mut self) {
+        self.0.world().record_wires();
+    }
+
+    /// Ends the recording. Returns the VCD file.
+    pub fn take_wires(&mut self) -> Vec<u8> {
+        self.0.world().take_wires()
+    }
+
     /// Holds an actuator at a deflection, -1 to +1.
     pub fn hold(&mut self, actuator: u8, deflection: f64) {
         self.0.world().autopilot.hold_actuator(actuator, deflection);
     }
 
-    /// Lets all actuators sweep.
+    /// Holds a motor at a power, 0 to 1.
+    pub fn hold_motor(&mut self, index: u8, power: f64) {
+        self.0.world().autopilot.hold_motor(index, power);
+    }
+
+    /// Lets all actuators and motors sweep.
     pub fn sweep(&mut self) {
         let now = self.0.world().now();
         self.0.world().autopilot.sweep(now);
@@ -176,27 +293,266 @@ impl Simulation {
 
     /// Reads the node's information and all its parameters.
     pub fn read_parameters(&mut self) {
-        self.0.world().client.read_all();
+        self.0.world().client.dialogue.read_all();
     }
 
-    /// Sets a parameter.
+    /// Sets a parameter that was read to what the user wrote.
+    ///
+    /// # Errors
+    /// If that is no value of the parameter.
+    pub fn write_parameter(&mut self, name: &str, text: &str) -> Result<(), String> {
+        self.0.world().client.dialogue.set_written(name, text)
+    }
+
+    /// Sets a parameter that has whole numbers.
     pub fn set_parameter(&mut self, name: &str, value: f64) {
-        self.0.world().client.set(name, value as i64);
+        self.0.world().client.dialogue.set(name, Value::Integer(value as i64));
     }
 
     /// Saves the parameters.
     pub fn save_parameters(&mut self) {
-        self.0.world().client.execute(Opcode::SAVE);
+        self.0.world().client.dialogue.execute(Opcode::SAVE);
     }
 
     /// Erases the saved parameters.
     pub fn erase_parameters(&mut self) {
-        self.0.world().client.execute(Opcode::ERASE);
+        self.0.world().client.dialogue.execute(Opcode::ERASE);
     }
 
     /// Restarts the node over the bus.
     pub fn restart(&mut self) {
-        self.0.world().client.restart();
+        self.0.world().client.dialogue.restart();
+    }
+}
+
+/// A real bus on an SLCAN adapter. Times are milliseconds since its connection.
+#[wasm_bindgen]
+#[derive(Default)]
+pub struct RealBus(bus::RealBus);
+
+#[wasm_bindgen]
+impl RealBus {
+    /// No bus.
+    #[wasm_bindgen(constructor)]
+    pub fn new() -> RealBus {
+        RealBus::default()
+    }
+
+    /// Forgets the bus before, and begins to open the adapter on its port.
+    pub fn connect(&mut self, bit_rate: u32) {
+        self.0.connect(bit_rate, Duration::ZERO);
+    }
+
+    /// True from `connect` until the session ends.
+    pub fn is_connected(&self) -> bool {
+        self.0.is_connected()
+    }
+
+    /// Handles bytes of the port.
+    pub fn receive(&mut self, bytes: &[u8], now: f64) {
+        self.0.receive(bytes, time(now));
+    }
+
+    /// Does what is due.
+    pub fn poll(&mut self, now: f64) {
+        self.0.poll(time(now));
+    }
+
+    /// Removes and returns bytes for the port.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        self.0.take_output()
+    }
+
+    /// Ends the session. Returns the bytes that close the adapter's channel.
+    pub fn disconnect(&mut self) -> Vec<u8> {
+        self.0.disconnect()
+    }
+
+    /// Ends the session, because the port does not work.
+    pub fn close(&mut self, why: &str) {
+        self.0.close(why);
+    }
+
+    /// The state of the bus, a JSON object.
+    pub fn snapshot(&self, now: f64) -> String {
+        self.0.snapshot(time(now)).to_string()
+    }
+
+    /// The frames since the last call, a JSON array.
+    pub fn take_events(&mut self) -> String {
+        self.0.take_events().to_string()
+    }
+
+    /// The details of a frame, a JSON object.
+    ///
+    /// # Errors
+    /// If the frame is too old.
+    pub fn frame(&self, number: f64) -> Result<String, String> {
+        text(self.0.frame(number as u64).map(|details| details.to_string()))
+    }
+
+    /// The log of the bus as candump text.
+    pub fn candump(&self) -> Vec<u8> {
+        self.0.log(Format::Candump)
+    }
+
+    /// The log of the bus as pcap.
+    pub fn pcap(&self) -> Vec<u8> {
+        self.0.log(Format::Pcap)
+    }
+
+    /// Asks the nodes for their names.
+    pub fn ask_names(&mut self) {
+        self.0.ask_names();
+    }
+
+    /// Chooses the node whose parameters are shown.
+    pub fn choose(&mut self, node: u8) {
+        if let Some(node) = NodeId::new(node) {
+            self.0.choose(node);
+        }
+    }
+
+    /// Reads all parameters of the chosen node.
+    pub fn read_parameters(&mut self) {
+        self.0.read_parameters();
+    }
+
+    /// Sets a parameter of the chosen node.
+    ///
+    /// # Errors
+    /// If the text is no value of the parameter.
+    pub fn set_parameter(&mut self, name: &str, text: &str) -> Result<(), String> {
+        self.0.set_parameter(name, text)
+    }
+
+    /// Sets the parameters of the chosen node that differ in a file.
+    ///
+    /// # Errors
+    /// If the file has no parameters, or the node has not answered yet.
+    pub fn load_parameters(&mut self, file: &str) -> Result<(), String> {
+        self.0.load_parameters(file)
+    }
+
+    /// A file with the parameters of the chosen node that were read.
+    pub fn parameter_file(&self) -> String {
+        self.0.parameter_file()
+    }
+
+    /// Saves the parameters of the chosen node.
+    pub fn save_parameters(&mut self) {
+        self.0.save_parameters();
+    }
+
+    /// Erases the saved parameters of the chosen node.
+    pub fn erase_parameters(&mut self) {
+        self.0.erase_parameters();
+    }
+
+    /// Restarts the chosen node.
+    pub fn restart(&mut self) {
+        self.0.restart();
+    }
+
+    /// Updates a node with a file.
+    ///
+    /// # Errors
+    /// If the file is not a firmware, or the node is in an update.
+    pub fn update(&mut self, node: u8, file: &[u8], now: f64) -> Result<(), String> {
+        let node = NodeId::new(node).ok_or("no node is chosen")?;
+        self.0.update(node, file.to_vec(), time(now))
+    }
+
+    /// True if a file is a firmware for the hardware of a node, as far as the node has told it.
+    pub fn suits(&self, node: u8, file: &[u8]) -> bool {
+        NodeId::new(node).is_some_and(|node| self.0.suits(node, file.to_vec()))
+    }
+
+    /// Stops the update of a node.
+    pub fn stop_update(&mut self, node: u8, now: f64) {
+        if let Some(node) = NodeId::new(node) {
+            self.0.stop_update(node, time(now));
+        }
+    }
+}
+
+fn time(milliseconds: f64) -> Duration {
+    Duration::try_from_secs_f64(milliseconds / 1000.0).unwrap_or_default()
+}
+
+/// Reads a file with a program for a real board: its bytes from address 0.
+///
+/// # Errors
+/// If the file is no program, or not one for this board with this CAN board; the text says why.
+#[wasm_bindgen]
+pub fn read_program(file: &[u8], board: &str, shield: &str) -> Result<Vec<u8>, String> {
+    text(program_file::read(file, board, shield))
+}
+
+/// A session with the bootloader of a real board. Times are milliseconds.
+#[wasm_bindgen]
+pub struct Upload(Session);
+
+#[wasm_bindgen]
+impl Upload {
+    /// Begins to upload what [`read_program`] has read to a board that was reset now.
+    ///
+    /// # Errors
+    /// If there is no such chip.
+    #[wasm_bindgen(constructor)]
+    pub fn new(chip: &str, program: &[u8], now: f64) -> Result<Upload, String> {
+        let chip = chip.parse()?;
+        Ok(Upload(Session::upload(chip, program, now as u64)))
+    }
+
+    /// Asks a board that was reset now for its chip.
+    pub fn identify(now: f64) -> Upload {
+        Upload(Session::identify(now as u64))
+    }
+
+    /// Bytes to send now.
+    pub fn take_output(&mut self) -> Vec<u8> {
+        self.0.take_output()
+    }
+
+    /// Time until the next call of `receive` at the latest.
+    pub fn wait_ms(&self, now: f64) -> f64 {
+        self.0.wait_ms(now as u64) as f64
+    }
+
+    /// Takes bytes that have arrived, or none.
+    pub fn receive(&mut self, bytes: &[u8], now: f64) {
+        self.0.receive(bytes, now as u64);
+    }
+
+    /// Ends the session as soon as the present command is answered.
+    pub fn cancel(&mut self, now: f64) {
+        self.0.cancel(now as u64);
+    }
+
+    /// How far the session is, a JSON object.
+    pub fn state(&self) -> String {
+        let (done, all) = self.0.progress();
+        json!({
+            "phase": match self.0.phase() {
+                Phase::Connecting => "connecting",
+                Phase::Writing => "writing",
+                Phase::Comparing => "comparing",
+                Phase::Ended => "ended",
+            },
+            "done": done,
+            "all": all,
+            "failure": self.0.failure().map(ToString::to_string),
+            "is_silent": matches!(
+                self.0.failure(),
+                Some(Failure::Silence | Failure::NoBootloader)
+            ),
+            "is_cancelled": self.0.failure() == Some(&Failure::Cancelled),
+            "is_new": self.0.flash() == Flash::New,
+            "flash": self.0.flash().to_string(),
+            "chip": self.0.chip_found().map(|chip| chip.name()),
+        })
+        .to_string()
     }
 }
 

@@ -5,29 +5,36 @@
 
 use std::collections::VecDeque;
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use bench::autopilot::{Moves, Profile, Settings};
-use bench::avr::{Firmware, Processor, State};
-use bench::can::{BusStats, Id, Record, RecordKind};
+use bench::avr::{Processor, State};
+use bench::bus_log::{BusLog, Format};
+use bench::can::{BusStats, Record, RecordKind};
 use bench::dronecan::{
-    CanId, DataType, Decoded, Dialect, LightCommand, Message, NodeStatus, Observation, Observer,
-    Value, draft,
+    Decoded, Dialect, LightCommand, Message, NodeStatus, Observer, Value, draft,
 };
 use bench::fault::{ALL, Fault};
 use bench::mcp2515::Fate;
+use bench::script;
+use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ, elapsed, vendor_code};
 use serde_json::{Value as Json, json};
 
-use crate::bits::Bits;
+use crate::bits::Ack;
 use crate::spi::Transaction;
+use crate::traffic::{Described, describe, wire};
 use crate::world::{Happened, World};
 
 /// Frames, and transactions on the SPI, whose details the page can ask for.
 const KEPT: usize = 4096;
+/// Frames of a log of the bus: at least 20 seconds.
+const LOGGED: usize = 200_000;
 /// A PWM output without a pulse for this long is off.
 const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 /// Default of the parameter LIGHT_ID.
 const LIGHT_ID: u8 = 0;
+/// Value of OUTn_TYPE for a motor.
+const MOTOR: u8 = 1;
 /// Bus load is measured over this time.
 const LOAD_WINDOW: Cycles = F_CPU_HZ / 4;
 
@@ -46,6 +53,8 @@ pub struct Page<P> {
     world: World<P>,
     observer: Observer,
     frames: VecDeque<Shown>,
+    /// For a log of the bus.
+    records: VecDeque<Record>,
     transactions: VecDeque<Transaction>,
     next_number: u64,
     events: Vec<Json>,
@@ -53,6 +62,8 @@ pub struct Page<P> {
     pulses: Vec<Option<(Cycles, Cycles)>>,
     status: Option<(Cycles, NodeStatus)>,
     temperature_c: Option<f64>,
+    /// Time of the line of the serial monitor with which the present failsafe began.
+    failsafe_at: Option<Cycles>,
     /// Bus load, 0 to 1, and the totals at the start of the present window.
     load: f64,
     window: (Cycles, BusStats),
@@ -77,29 +88,41 @@ fn settings(name: &str) -> Result<Settings> {
 }
 
 impl<P: Processor> Page<P> {
-    /// A board with a program, and an autopilot with a name of [`settings`].
+    /// A board with a program, and an autopilot with a name of [`settings`]. A program that is not
+    /// this project's has no known vendor-specific status code, and gets hints.
     ///
     /// # Errors
     /// If the wiring in the program is impossible, or there is no such autopilot.
-    pub fn new(processor: P, firmware: &Firmware, autopilot: &str) -> Result<Page<P>> {
-        let mut world = World::new(processor, firmware, settings(autopilot)?)?;
+    pub fn new(
+        processor: P,
+        wiring: &Wiring,
+        bit_rate: u32,
+        knows_vendor_code: bool,
+        autopilot: &str,
+    ) -> Result<Page<P>> {
+        let mut world = World::new(processor, wiring, bit_rate, settings(autopilot)?)?;
+        if !knows_vendor_code {
+            world.give_hints();
+        }
         let stats = world.bench.bus().stats();
         let outputs = world.board().wiring().outputs.len() + 1;
         Ok(Page {
             world,
             observer: Observer::new(),
             frames: VecDeque::new(),
+            records: VecDeque::new(),
             transactions: VecDeque::new(),
             next_number: 0,
             events: Vec::new(),
             pulses: vec![None; outputs],
             status: None,
             temperature_c: None,
+            failsafe_at: None,
             load: 0.0,
             window: (0, stats),
             lost: 0,
             worst_latency: 0,
-            knows_vendor_code: firmware.board.is_some(),
+            knows_vendor_code,
         })
     }
 
@@ -140,6 +163,27 @@ impl<P: Processor> Page<P> {
         Ok(())
     }
 
+    /// Plays a script of `sim`, or a recording of a bus. Returns in words what it has.
+    ///
+    /// # Errors
+    /// If a line is invalid: its number, and the reason.
+    pub fn play(&mut self, script: &[u8]) -> Result<String> {
+        let text = script::text(script.to_owned()).map_err(anyhow::Error::msg)?;
+        let lines =
+            script::parse(&text).map_err(|(line, error)| anyhow!("line {line}: {error}"))?;
+        let (frames, events) = self.world.play(lines);
+        Ok(format!("{frames} frames and {events} events"))
+    }
+
+    /// The bus since power-on, at most its last [`LOGGED`] frames.
+    pub fn bus_log(&self, format: Format) -> Vec<u8> {
+        let (mut log, mut bytes) = BusLog::new(format);
+        for record in &self.records {
+            log.add(record, &mut bytes);
+        }
+        bytes
+    }
+
     /// Commands the brightness of the node's light, 0 to 1.
     pub fn set_light(&mut self, brightness: f64) {
         let part = |full: u8| (brightness.clamp(0.0, 1.0) * f64::from(full)).round() as u8;
@@ -152,6 +196,11 @@ impl<P: Processor> Page<P> {
 
     fn show(&mut self, happened: Happened) {
         let node_port = self.world.port();
+        for (at, fault, begins) in happened.faults {
+            self.events.push(mark(at, &format!("{fault}{}", if begins { "" } else { " ends" })));
+        }
+        self.records.extend(happened.records.iter().map(|(record, _)| *record));
+        self.records.drain(..self.records.len().saturating_sub(LOGGED));
         for (record, from) in happened.records {
             let RecordKind::Frame { from: port, .. } = &record.kind else {
                 self.show_error(record, from);
@@ -164,10 +213,22 @@ impl<P: Processor> Page<P> {
             self.pulses[output] = Some((pulse.start, pulse.width_cycles));
         }
         for (at, line) in happened.lines {
+            // Several lines tell of one failsafe.
+            if line.contains("FAILSAFE") {
+                self.failsafe_at.get_or_insert_with(|| {
+                    self.events.push(mark(at, "failsafe"));
+                    at
+                });
+            } else if line.contains("commands again") && self.failsafe_at.take().is_some() {
+                self.events.push(mark(at, "commands again"));
+            }
             self.events.push(json!({"kind": "line", "at": seconds(at), "text": line}));
         }
         for (at, text) in happened.mistakes.into_iter().take(20) {
             self.events.push(json!({"kind": "mistake", "at": seconds(at), "text": text}));
+        }
+        for (at, text) in happened.hints {
+            self.events.push(json!({"kind": "hint", "at": seconds(at), "text": text}));
         }
         for (at, text) in self.world.autopilot.take_events() {
             self.events.push(json!({"kind": "node", "at": seconds(at), "text": text}));
@@ -201,27 +262,12 @@ impl<P: Processor> Page<P> {
 
     fn show_frame(&mut self, record: Record, from: String, is_node: bool) {
         let RecordKind::Frame { frame, .. } = record.kind else { return };
-        let raw = |why: &str| format!("{frame} (not DroneCAN: {why})");
-        let Id::Extended(id) = frame.id else {
-            return self.push(record, from, raw("11-bit identifier"), "foreign", None);
-        };
-        match self.observer.push(id, frame.data(), elapsed(record.end)) {
-            Observation::Complete(decoded) => {
-                if is_node {
-                    self.take_measurement(record.end, &decoded);
-                }
-                let name = decoded.name();
-                let who = decoded.endpoints();
-                self.push(record, from, format!("{who}: {decoded}"), "transfer", Some(name));
-            }
-            Observation::Partial => {
-                let name = CanId::parse(id)
-                    .and_then(DataType::of)
-                    .map_or_else(|| String::from("?"), |known| known.name.to_owned());
-                self.push(record, from, format!("{name}, a part"), "part", None);
-            }
-            Observation::Invalid(why) => self.push(record, from, raw(why), "foreign", None),
+        let Described { text, kind, name, decoded } =
+            describe(&mut self.observer, &frame, elapsed(record.end));
+        if is_node && let Some(decoded) = decoded {
+            self.take_measurement(record.end, &decoded);
         }
+        self.push(record, from, text, kind, name);
     }
 
     fn push(
@@ -244,16 +290,30 @@ impl<P: Processor> Page<P> {
         }
     }
 
+    fn take_status(&mut self, at: Cycles, status: NodeStatus) {
+        if let Some((last_at, last)) = self.status.replace((at, status)) {
+            if last.health != status.health {
+                self.events.push(mark(at, &status.health.to_string()));
+            }
+            // The line that ends a failsafe can be dropped. The first status after it can have
+            // waited since before the failsafe, the second can not.
+            let is_over = (last.vendor_code | status.vendor_code) & vendor_code::FAILSAFE == 0;
+            if is_over && self.failsafe_at.take_if(|begin| *begin <= last_at).is_some() {
+                self.events.push(mark(at, "commands again"));
+            }
+        }
+    }
+
     fn take_measurement(&mut self, at: Cycles, decoded: &Decoded) {
         match decoded {
             Decoded::V0(transfer, Message::NodeStatus(status)) => {
-                self.status = Some((at, *status));
+                self.take_status(at, *status);
                 if let Some(node) = transfer.id.source() {
                     self.world.client.set_node(node);
                 }
             }
             Decoded::Draft(_, draft::Message::NodeStatus(status)) => {
-                self.status = Some((at, (*status).into()));
+                self.take_status(at, (*status).into());
             }
             Decoded::V0(_, Message::Temperature(temperature)) => {
                 self.temperature_c = Some(temperature.celsius().into());
@@ -284,7 +344,6 @@ impl<P: Processor> Page<P> {
             "sweeps": autopilot.is_sweeping(),
             "armed": autopilot.is_armed(),
             "safe": autopilot.is_safe(),
-            "silent": autopilot.is_silent(),
         });
         let outputs = self.outputs(now);
         let stats = self.world.bench.bus().stats();
@@ -292,7 +351,7 @@ impl<P: Processor> Page<P> {
         let active: Vec<_> = self.world.active_faults().iter().map(|fault| fault.name()).collect();
         let controller = self.controller();
         let node = self.node(now);
-        let client = self.client();
+        let client = self.world.client.dialogue.json();
         let board = self.world.board();
         let crash = match board.avr().state() {
             State::Crashed(pc) => Some(format!("the program counter left the flash at {pc:#06x}")),
@@ -321,14 +380,41 @@ impl<P: Processor> Page<P> {
         .to_string()
     }
 
-    /// Pin and pulse width of each output; no width while it gives no pulses.
+    /// Index in RawCommand of an output's motor; `None` if the node has not said that it is one.
+    fn motor(&self, output: usize) -> Option<u8> {
+        let value = |what: &str| {
+            let name = format!("OUT{}_{what}", output + 1);
+            let mut parameters = self.world.client.dialogue.parameters.iter();
+            match parameters.find(|parameter| parameter.name() == name)?.value {
+                Value::Integer(number) => u8::try_from(number).ok(),
+                _ => None,
+            }
+        };
+        value("ID").filter(|_| value("TYPE") == Some(MOTOR))
+    }
+
+    /// Pin, pulse width and command of each output; no width while it gives no pulses. The
+    /// autopilot commands its motors.
     fn outputs(&mut self, now: Cycles) -> Json {
+        let motors: Vec<_> = (0..self.pulses.len()).map(|output| self.motor(output)).collect();
+        let count = motors.iter().flatten().max().map_or(0, |last| last + 1);
+        if self.world.autopilot.settings().motors != count {
+            self.world.autopilot.set_motors(count, now);
+        }
+        let autopilot = &self.world.autopilot;
+        let commands = motors.iter().zip(1..).map(|(motor, id)| match motor {
+            Some(index) => autopilot.motor_power(*index, now),
+            None => autopilot.deflection_of(id, now),
+        });
+        let commands: Vec<_> = commands.collect();
         let wiring = self.world.board().wiring();
         let pins = std::iter::once(&wiring.servo).chain(&wiring.outputs);
-        let outputs = pins.zip(&self.pulses).map(|(pin, pulse)| {
+        let states = self.pulses.iter().zip(motors).zip(commands);
+        let outputs = pins.zip(states).map(|(pin, ((pulse, motor), command))| {
             let pulse = pulse.filter(|(start, _)| now.saturating_sub(*start) <= PULSE_TIMEOUT);
             let width_us = pulse.map(|(_, width)| micros(width));
-            json!({"pin": pin.to_string(), "width_us": width_us})
+            let pin = pin.to_string();
+            json!({"pin": pin, "width_us": width_us, "motor": motor, "command": command})
         });
         outputs.collect()
     }
@@ -348,8 +434,9 @@ impl<P: Processor> Page<P> {
 
     fn node(&self, now: Cycles) -> Json {
         let Some((at, status)) = self.status else { return Json::Null };
-        let conditions = match self.knows_vendor_code {
-            true => vendor_code::conditions(status.vendor_code),
+        // A text each, and what to do.
+        let conditions: Vec<_> = match self.knows_vendor_code {
+            true => vendor_code::with_advice(status.vendor_code).collect(),
             false => Vec::new(),
         };
         json!({
@@ -361,31 +448,6 @@ impl<P: Processor> Page<P> {
             "uptime_s": status.uptime_s,
             "vendor_code": status.vendor_code,
             "conditions": conditions,
-        })
-    }
-
-    fn client(&self) -> Json {
-        let client = &self.world.client;
-        let number = |value: &Value| match value {
-            Value::Integer(number) => json!(number),
-            Value::Boolean(value) => json!(i64::from(*value)),
-            Value::Real(number) => json!(number),
-            _ => Json::Null,
-        };
-        let parameters = client.parameters.iter().map(|parameter| {
-            json!({
-                "name": parameter.name(),
-                "value": number(&parameter.value),
-                "min": number(&parameter.min),
-                "max": number(&parameter.max),
-                "default": number(&parameter.default),
-            })
-        });
-        json!({
-            "busy": client.is_busy(),
-            "message": client.message,
-            "info": client.info.as_ref().map(ToString::to_string),
-            "parameters": parameters.collect::<Json>(),
         })
     }
 
@@ -401,15 +463,7 @@ impl<P: Processor> Page<P> {
             .context("the frame is too old")?;
         let bits = match &shown.record.kind {
             RecordKind::Frame { frame, acked, .. } => {
-                let Bits { fields, bits } = Bits::of(frame, *acked);
-                json!({
-                    "frame": frame.to_string(),
-                    "acked": acked,
-                    "fields": fields,
-                    "bits": bits.iter().map(|bit| {
-                        json!([u8::from(bit.level), u8::from(bit.is_stuff), bit.field])
-                    }).collect::<Json>(),
-                })
+                wire(frame, Ack::seen(*acked), self.world.autopilot.settings().dialect)
             }
             RecordKind::ErrorFrame { .. } => Json::Null,
         };
@@ -429,9 +483,9 @@ impl<P: Processor> Page<P> {
             "number": number,
             "from": shown.from,
             "text": shown.text,
-            "start": seconds(shown.record.start),
-            "end": seconds(shown.record.end),
+            "time": format!("{:.6} s", seconds(shown.record.start)),
             "count": shown.record.bits,
+            "length_us": micros(shown.record.end - shown.record.start),
             "wire": bits,
             "spi": spi,
         })
@@ -445,6 +499,11 @@ pub fn faults() -> String {
         |fault| json!({"name": fault.name(), "text": fault.explanation(), "lasts": fault.lasts()}),
     );
     faults.collect::<Json>().to_string()
+}
+
+/// Event that marks a time in the plots and on the time line.
+fn mark(at: Cycles, text: &str) -> Json {
+    json!({"kind": "mark", "at": seconds(at), "text": text})
 }
 
 fn seconds(cycles: Cycles) -> f64 {

@@ -12,7 +12,8 @@ use anyhow::Result;
 use bench::autopilot::{Moves, Profile, Settings};
 use bench::avr::{Firmware, Processor, ResetCause};
 use bench::can::{Fault, Frame, Level, RecordKind};
-use bench::dronecan::{Dialect, Message, Opcode, ParameterRequest};
+use bench::dronecan::{Dialect, Message, Opcode, ParameterRequest, Value};
+use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ, Noise};
 
 use crate::world::{Happened, World};
@@ -77,7 +78,8 @@ pub fn run<P: Processor>(
     seconds: u64,
     seed: u64,
 ) -> Result<String> {
-    let mut world = World::new(processor, firmware, traffic.settings())?;
+    let wiring = Wiring::of_program(firmware)?;
+    let mut world = World::new(processor, &wiring, wiring.fastest_bit_rate(), traffic.settings())?;
     let wire: Rc<RefCell<Vec<(Cycles, Level)>>> = Rc::default();
     let tap = Rc::clone(&wire);
     world
@@ -163,8 +165,8 @@ fn apply<P: Processor>(world: &mut World<P>, action: Action) {
         Action::Temperature(celsius) => world.set_temperature_c(celsius),
         Action::Button(pressed) => world.board().press_button(pressed),
         Action::Serial(bytes) => world.board().avr_mut().serial_send(bytes),
-        Action::Request(message) => world.client.request(message),
-        Action::Set(name, value) => world.client.set(name, value),
+        Action::Request(message) => world.client.dialogue.request(message),
+        Action::Set(name, value) => world.client.dialogue.set(name, Value::Integer(value)),
         Action::Frame(frame) => world.other().borrow_mut().send(frame),
         Action::ErrorRate(per_million) => {
             world.bench.bus().inject(Fault::BitErrorRate { per_million, seed: 1 });

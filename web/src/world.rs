@@ -5,17 +5,21 @@
 //! shows the second.
 
 use std::cell::RefCell;
+use std::collections::VecDeque;
 use std::rc::Rc;
 
 use anyhow::Result;
 use bench::autopilot::{Autopilot, Settings};
-use bench::avr::{Firmware, Processor, Pulse, SerialCharacter};
+use bench::avr::{Processor, Pulse, SerialCharacter};
 use bench::board::{Board, WireEvent};
-use bench::can::{PortId, Record, SoftNode};
+use bench::can::{Level, PortId, Record, SoftNode};
 use bench::dronecan::NodeId;
 use bench::fault::Fault;
+use bench::findings::{Findings, Said};
 use bench::inject::{Injector, Target};
 use bench::mcp2515::LoggedFrame;
+use bench::script::{Action, BenchEvent};
+use bench::vcd::{self, Drawn, Wire, Writer};
 use bench::wiring::Wiring;
 use bench::{Bench, Cycles, F_CPU_HZ};
 
@@ -43,6 +47,18 @@ pub struct Happened {
     pub received: Vec<LoggedFrame>,
     /// The program's mistakes.
     pub mistakes: Vec<(Cycles, String)>,
+    /// What the author of the program is told besides.
+    pub hints: Vec<(Cycles, String)>,
+    /// Faults that began or happened (true), or ended.
+    pub faults: Vec<(Cycles, Fault, bool)>,
+}
+
+/// A recording of the wires as VCD.
+struct Recording {
+    writer: Writer<Vec<u8>>,
+    drawn: Drawn,
+    /// Changes of the bus.
+    bus: Rc<RefCell<Vec<(Cycles, Level)>>>,
 }
 
 /// A bench with one board and the stations that talk to it.
@@ -54,21 +70,33 @@ pub struct World<P> {
     pub client: Client,
     injector: Injector,
     sensor_c: f64,
+    /// Millivolts at the inputs that measure a circuit: voltage and current.
+    circuit_mv: [u32; 2],
+    /// Events of scripts that are not due yet, in order.
+    script: VecDeque<(Cycles, BenchEvent)>,
+    /// Stations that send the frames of scripts.
+    script_stations: Vec<Rc<RefCell<SoftNode>>>,
+    recording: Option<Recording>,
+    /// `None` if nobody asked for hints.
+    findings: Option<Findings>,
     line: String,
     transactions: Transactions,
     happened: Happened,
 }
 
 impl<P: Processor> World<P> {
-    /// A board that is powered at time 0 on a bus of its default bit rate.
+    /// A board that is powered at time 0 on a bus.
     ///
     /// # Errors
-    /// If the wiring in the program is impossible.
-    pub fn new(processor: P, firmware: &Firmware, settings: Settings) -> Result<World<P>> {
-        let wiring = Wiring::of_program(firmware)?;
-        let bit_rate = wiring.fastest_bit_rate();
+    /// If the wiring is impossible.
+    pub fn new(
+        processor: P,
+        wiring: &Wiring,
+        bit_rate: u32,
+        settings: Settings,
+    ) -> Result<World<P>> {
         let mut bench = Bench::of_processor(bit_rate);
-        let node = bench.add_board(Board::wired(processor, &wiring)?, "node");
+        let node = bench.add_board(Board::wired(processor, wiring)?, "node");
         let autopilot = Autopilot::new(settings, bit_rate);
         let autopilot_port = bench.attach("autopilot", autopilot.station());
         let client = Client::new(NodeId::new(DEFAULT_NODE).expect("a node ID"), bit_rate);
@@ -83,10 +111,22 @@ impl<P: Processor> World<P> {
             client,
             injector,
             sensor_c: 20.0,
+            circuit_mv: [0; 2],
+            script: VecDeque::new(),
+            script_stations: Vec::new(),
+            recording: None,
+            findings: None,
             line: String::new(),
             transactions: Transactions::default(),
             happened: Happened::default(),
         })
+    }
+
+    /// Gives hints to the author of the program from now on.
+    pub fn give_hints(&mut self) {
+        let mut findings = Findings::default();
+        findings.watch_selects(self.board());
+        self.findings = Some(findings);
     }
 
     /// The node's board.
@@ -118,7 +158,9 @@ impl<P: Processor> World<P> {
             node_id: self.client.node().get(),
             sensor_c: self.sensor_c,
         };
-        self.injector.inject(fault, &mut target);
+        let lasts = self.injector.inject(fault, &mut target);
+        let begins = lasts || !fault.lasts();
+        self.happened.faults.push((self.bench.now(), fault, begins));
         if fault == Fault::OtherDialect {
             let old = self.autopilot.settings().clone();
             let dialect = old.dialect.other();
@@ -155,12 +197,92 @@ impl<P: Processor> World<P> {
     /// Simulates until `until`.
     pub fn advance(&mut self, until: Cycles) {
         while self.now() < until {
-            let next = until.min(self.now() + SLICE);
+            while let Some((_, event)) = self.script.pop_front_if(|(at, _)| *at <= self.bench.now())
+            {
+                self.apply(event);
+            }
+            let event_at = self.script.front().map_or(until, |(at, _)| *at);
+            let next = until.min(self.now() + SLICE).min(event_at);
             self.autopilot.advance(next);
             self.client.serve(self.now());
             self.bench.run_until(next);
             self.collect();
         }
+    }
+
+    /// Plays the lines of a script, whose times count from power-on. Returns the number of frames
+    /// and of events.
+    pub fn play(&mut self, lines: Vec<(Cycles, Action)>) -> (usize, usize) {
+        let station = Rc::new(RefCell::new(SoftNode::new(self.bench.bus().bit_rate())));
+        self.bench.attach("script", station.clone());
+        let mut frames = 0;
+        for (at, action) in lines {
+            match action {
+                Action::Send(frame) => {
+                    frames += 1;
+                    station.borrow_mut().send_at(at, frame);
+                }
+                Action::Do(event) => self.script.push_back((at, event)),
+                Action::Skip => {}
+            }
+        }
+        self.script_stations.push(station);
+        (frames, self.script.len())
+    }
+
+    fn apply(&mut self, event: BenchEvent) {
+        match event {
+            BenchEvent::Temperature(celsius) => self.set_temperature_c(celsius),
+            BenchEvent::CircuitVoltage(millivolts) => self.circuit_mv[0] = millivolts,
+            BenchEvent::CircuitCurrent(millivolts) => self.circuit_mv[1] = millivolts,
+            BenchEvent::Button(pressed) => self.board().press_button(pressed),
+            BenchEvent::Fault(fault) => self.inject(fault),
+            BenchEvent::Serial(bytes) => self.board().avr_mut().serial_send(&bytes),
+            BenchEvent::I2c(_) => {
+                let text = "i2c: the page's processor has no two-wire bus".to_owned();
+                self.happened.mistakes.push((self.bench.now(), text));
+            }
+            BenchEvent::Shaft(rpm) => {
+                // No speed stops it.
+                let period = (60 * F_CPU_HZ).checked_div(rpm.into()).unwrap_or(0);
+                self.board().set_pulse_period(period);
+            }
+            BenchEvent::Set(setting) => match setting.check(self.board().wiring()) {
+                Ok(()) => setting.apply(self.board()),
+                Err(error) => {
+                    self.happened.mistakes.push((self.bench.now(), format!("not set: {error}")));
+                }
+            },
+        }
+        let [voltage, current] = self.circuit_mv;
+        self.board().set_circuit_millivolts(voltage, current);
+    }
+
+    /// Begins to record the wires of the board and the bus.
+    pub fn record_wires(&mut self) {
+        let now = self.now();
+        let probe = self.board().attach_probe();
+        let levels = vcd::levels(self.bench.bus().level(), &probe);
+        let named = vcd::wires(&[], self.board().wiring().outputs.len(), &[]);
+        let writer = Writer::new(Vec::new(), now, &named, levels).expect("memory takes all");
+        let bus = Rc::default();
+        let tap: Rc<RefCell<Vec<_>>> = Rc::clone(&bus);
+        let tap = move |at, level| tap.borrow_mut().push((at, level));
+        self.bench.bus().set_wire_tap(Some(Box::new(tap)));
+        self.recording = Some(Recording { writer, drawn: Drawn::new(now), bus });
+    }
+
+    /// Ends the recording. Returns the VCD file, which is empty if there was no recording.
+    pub fn take_wires(&mut self) -> Vec<u8> {
+        let Some(Recording { mut writer, bus, .. }) = self.recording.take() else {
+            return Vec::new();
+        };
+        self.bench.bus().set_wire_tap(None);
+        for (at, level) in bus.take() {
+            writer.change(at, Wire::Can, !level.is_dominant());
+        }
+        writer.finish(self.now()).expect("memory takes all");
+        writer.into_inner()
     }
 
     /// Removes and returns what happened since the last call.
@@ -175,8 +297,15 @@ impl<P: Processor> World<P> {
             let from = from.map(|port| self.bench.bus().name(port).to_owned());
             self.happened.records.push((record, from));
         }
-        self.injector.babbler().borrow_mut().take_received();
+        for station in self.script_stations.iter().chain([self.injector.babbler()]) {
+            station.borrow_mut().take_received();
+        }
+        let (now, bit_rate) = (self.bench.now(), self.bench.bus().bit_rate());
         let board = self.bench.board(self.node);
+        if let Some(findings) = &mut self.findings {
+            let hints = findings.check(board, bit_rate).into_iter();
+            self.happened.hints.extend(hints.map(|hint| (now, hint)));
+        }
         let servo = board.take_servo_pulses().into_iter().map(|pulse| (0, pulse));
         let outputs = board.take_output_pulses().into_iter().enumerate();
         let outputs =
@@ -188,6 +317,9 @@ impl<P: Processor> World<P> {
         );
         self.happened.received.extend(board.chip().borrow_mut().take_frame_log());
         for (at, event) in board.take_wire_events() {
+            if let Some(Recording { writer, drawn, .. }) = &mut self.recording {
+                drawn.draw(writer, at, event);
+            }
             match event {
                 WireEvent::Cs(level) => {
                     self.happened.transactions.extend(self.transactions.chip_select(at, level));
@@ -206,6 +338,11 @@ impl<P: Processor> World<P> {
         // Eight data bits after the start bit. 0 bits: a reset cut the character off.
         if character.bits == 0 {
             return;
+        }
+        let rate = F_CPU_HZ / character.cycles_per_bit;
+        let said = self.findings.as_mut().and_then(|findings| findings.check_serial_rate(rate));
+        if let Some(Said::Hint(text) | Said::Note(text)) = said {
+            self.happened.hints.push((character.start, text));
         }
         let byte = (character.levels >> 1) as u8;
         match byte {

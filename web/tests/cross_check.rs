@@ -4,24 +4,15 @@
 //! of each program, 9 by default, and `CROSS_SEED` the seed of the traffic. avr8js runs in Node.js;
 //! with `CROSS_BROWSER` it runs in Chromium.
 
+mod trace;
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use bench::avr::{Avr, Firmware};
 use bench::{firmware_for, target_dir};
+use trace::{assert_equal, number};
 use web::scenario::{self, Traffic};
-
-/// Lines before the first difference that a failure shows.
-const CONTEXT: usize = 6;
-
-fn number(variable: &str, default: u64) -> u64 {
-    match std::env::var(variable) {
-        Ok(text) if !text.is_empty() => text
-            .parse()
-            .unwrap_or_else(|_| panic!("{variable} is {text:?}: use a number, such as {default}")),
-        _ => default,
-    }
-}
 
 /// The trace of avr8js, from Node.js or a browser.
 fn avr8js(elf: &PathBuf, traffic: &str, seconds: u64, seed: u64) -> impl FnOnce() -> String {
@@ -47,31 +38,6 @@ fn avr8js(elf: &PathBuf, traffic: &str, seconds: u64, seed: u64) -> impl FnOnce(
     }
 }
 
-/// Fails at the first line in which the traces differ, and leaves them beside the page's files.
-#[track_caller]
-fn assert_equal(name: &str, simavr: &str, avr8js: &str) {
-    let (ours, theirs): (Vec<_>, Vec<_>) = (simavr.lines().collect(), avr8js.lines().collect());
-    let same = ours.iter().zip(&theirs).take_while(|(a, b)| a == b).count();
-    if same == ours.len() && same == theirs.len() {
-        return;
-    }
-    for (processor, trace) in [("simavr", simavr), ("avr8js", avr8js)] {
-        let path = target_dir().join(format!("web-build/{name}.{processor}.trace"));
-        std::fs::write(path, trace).expect("the target directory can be written");
-    }
-    let from = same.saturating_sub(CONTEXT);
-    let part = |lines: &[&str]| {
-        let end = (same + CONTEXT).min(lines.len());
-        lines[from.min(end)..end].join("\n")
-    };
-    panic!(
-        "{same} of {} lines are equal, then simavr:\n{}\n\navr8js:\n{}",
-        ours.len(),
-        part(&ours),
-        part(&theirs)
-    );
-}
-
 #[track_caller]
 fn compare(board: &str, preset: &str, traffic: &str) {
     let (seconds, seed) = (number("CROSS_SECONDS", 9), number("CROSS_SEED", 1));
@@ -88,7 +54,7 @@ fn compare(board: &str, preset: &str, traffic: &str) {
         // The preset remote has no serial monitor.
         assert!(count > 0 || (kind, preset) == ("serial", "remote"), "no {kind}");
     }
-    assert_equal(preset, &trace, &other());
+    assert_equal(preset, ("simavr", &trace), ("avr8js", &other()));
 }
 
 #[test]

@@ -13,7 +13,7 @@ const BANDS: [RegExp, string][] = [
   [/^CRC$/, "#b58900"],
   [/^ACK$/, "#1a7f4b"],
 ];
-const STUFF = "#d9480f";
+const STUFF = "#c2410c";
 const PLAIN = "#8894a3";
 
 function bandOf(name: string) {
@@ -25,8 +25,14 @@ function hex(bytes: number[]) {
 }
 
 export class Detail {
-  private readonly element = byId("detail");
-  private readonly scope = byId<HTMLCanvasElement>("scope");
+  private readonly element: HTMLElement;
+  private readonly scope: HTMLCanvasElement;
+
+  /** `prefix` begins the IDs of its elements. */
+  constructor(private readonly prefix: string) {
+    this.element = byId(`${prefix}detail`);
+    this.scope = byId<HTMLCanvasElement>(`${prefix}scope`);
+  }
 
   hide() {
     this.element.hidden = true;
@@ -34,9 +40,9 @@ export class Detail {
 
   show(detail: FrameDetail) {
     this.element.hidden = false;
-    const length = ((detail.end - detail.start) * 1e6).toFixed(0);
-    const title = `${detail.start.toFixed(6)} s, ${detail.from}: ${detail.text}`;
-    setText(byId("frame-title"), `${title} (${detail.count} bits, ${length} µs)`);
+    const length = detail.length_us.toFixed(0);
+    const title = `${detail.time}, ${detail.from}: ${detail.text}`;
+    setText(byId(`${this.prefix}frame-title`), `${title} (${detail.count} bits, ${length} µs)`);
     this.drawBits(detail);
     this.listFields(detail);
     this.describeSpi(detail);
@@ -52,7 +58,8 @@ export class Detail {
       return;
     }
     const stuffed = bits.filter((bit) => bit[1]).length;
-    this.scope.setAttribute("aria-label", `${bits.length} bits of ${text}, ${stuffed} of them stuff bits`);
+    const unknown = bits.some(([level]) => level === null) ? ", the level of ACK not known" : "";
+    this.scope.setAttribute("aria-label", `${bits.length} bits of ${text}, ${stuffed} of them stuff bits${unknown}`);
     const [ink, dim] = ["ink", "dim"].map(colour);
     context.font = "11px system-ui, sans-serif";
     let labelled = -1;
@@ -76,11 +83,19 @@ export class Detail {
     });
     context.strokeStyle = ink;
     context.lineWidth = 1.6;
+    context.fillStyle = ink;
     context.beginPath();
     bits.forEach(([level], at) => {
       const x = 10 + at * BIT_WIDTH;
-      const y = level ? HIGH : LOW;
+      const y = level === 0 ? LOW : HIGH;
       if (at === 0) {
+        context.moveTo(x, HIGH);
+      }
+      if (level === null) {
+        // Both levels.
+        context.fillText("?", x + 2, (LOW + HIGH) / 2 + 4);
+        context.moveTo(x, LOW);
+        context.lineTo(x + BIT_WIDTH, LOW);
         context.moveTo(x, HIGH);
       }
       context.lineTo(x, y);
@@ -92,15 +107,23 @@ export class Detail {
   }
 
   private listFields({ wire }: FrameDetail) {
-    const shown = (wire?.fields ?? []).filter(([, value]) => value !== "");
-    byId("fields").replaceChildren(
-      ...shown.map(([name, value]) =>
+    const list = (id: string, fields: [string, string][]) => {
+      const rows = fields.map(([name, value]) =>
         make("div", {}, make("dt", { textContent: name }), make("dd", { textContent: value })),
-      ),
-    );
+      );
+      byId(this.prefix + id).replaceChildren(...rows);
+    };
+    let bytes = 0;
+    const numbered = (name: string) => (name === "data" ? `data byte ${++bytes}` : name);
+    const fields = (wire?.fields ?? []).filter(([, value]) => value !== "");
+    list("fields", fields.map(([name, value]) => [numbered(name), value]));
+    list("meaning", wire?.meaning ?? []);
   }
 
   private describeSpi({ spi, from }: FrameDetail) {
+    if (spi === undefined) {
+      return;
+    }
     if (!spi) {
       const sent = from === "node" ? "The node sent this frame." : "The node did not fetch this frame";
       const why = from === "node" ? "" : ": a filter rejected it, or it is not fetched yet.";

@@ -29,6 +29,13 @@ export function make<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
+/** Has the browser save a file. */
+export function download(name: string, data: BlobPart) {
+  const url = URL.createObjectURL(new Blob([data]));
+  make("a", { href: url, download: name }).click();
+  setTimeout(() => URL.revokeObjectURL(url), 1000);
+}
+
 /** A colour of app.css. */
 export function colour(name: string) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();

@@ -3,17 +3,26 @@
 import "./app.css";
 import "uplot/dist/uPlot.min.css";
 import wasm from "binary/web_bg.wasm";
-import { Program, Simulation, faults, initSync } from "pkg/web.js";
+import { Program, Simulation, choices, faults, initSync } from "pkg/web.js";
 import { Processor } from "../avr/processor";
+import { OwnBoard } from "./board";
 import { Detail } from "./detail";
-import { byId, setPressed, setText } from "./dom";
+import { byId, download, make, setPressed, setText } from "./dom";
+import { encode, forget, keep, kept } from "./eeprom";
 import { Faults } from "./faults";
+import { type Link, fromHash, toHash } from "./link";
+import { Marks } from "./marks";
+import { Monitor } from "./monitor";
 import { Outputs } from "./outputs";
 import { Parameters } from "./parameters";
 import { Plots } from "./plots";
-import { PROGRAMS } from "./programs";
-import { Timeline } from "./timeline";
+import { type Choice, PROGRAMS, nameOfEeprom } from "./programs";
+import { RealBoard } from "./real-board";
+import { RealBusView } from "./real-bus";
+import { type Lane, Timeline } from "./timeline";
+import { Tour } from "./tour";
 import type { PageEvent, Snapshot } from "./types";
+import { Views } from "./views";
 
 const CYCLES_PER_MS = 16_000;
 /** Simulated time of one slice, between two looks at the clock. */
@@ -23,86 +32,162 @@ const BUDGET_MS = 14;
 /** Real time that the simulation may be behind before the page says that it cannot keep up. */
 const LAG_MS = 250;
 const SLOW = 0.97;
-const LINES = 400;
+/** Simulated time of a recording of the wires. */
+const RECORDING_S = 1;
+/** The first letter of a script: a time in brackets, or a comment. A program begins otherwise. */
+const SCRIPT = /^\s*[(#]/;
 /** Real time between two pictures of what is drawn. */
 const DRAW_MS = 30;
-/** Real time between two additions to the serial monitor, which make the browser lay it out. */
-const MONITOR_MS = 150;
 /** Simulated time in which the node hears that it is disarmed: ArmingStatus comes twice a second. */
 const DISARM_S = 0.7;
 /** Simulated time after which the node has saved and restarted, or did not accept the number. */
 const RESTART_S = 10;
+/** Real time between two looks at the EEPROM, which the browser keeps. */
+const KEEP_MS = 1000;
+/** Senders on the time line. */
+const LANES: Lane[] = [
+  { name: "autopilot", colour: "autopilot" },
+  { name: "node", colour: "node" },
+  { name: "tool", colour: "tool" },
+  { name: "others", colour: "other" },
+];
+/** The longest simulated time in which "One frame" waits for a frame. */
+const STEP_MS = 2000;
+
+/** The settings of docs/autopilots.md for the motors of a quadcopter. */
+const FOUR_MOTORS: [string, number][] = [
+  ["OUT_COUNT", 4],
+  ...[1, 2, 3, 4].flatMap((output): [string, number][] => [
+    [`OUT${output}_TYPE`, 1],
+    [`OUT${output}_ID`, output - 1],
+  ]),
+  ["ESC_RATE", 400],
+];
 
 initSync({ module: wasm.slice() });
 
 class Page {
   private simulation!: Simulation;
+  private processor!: Processor;
   private snapshot!: Snapshot;
   private running = true;
   /** Real time up to which the simulation should be, less the simulated time. */
   private offset = 0;
+  /** Simulated time for a unit of real time. */
+  private rate = 1;
   private behind = false;
   private speed = { at: 0, simulated: 0, factor: 1 };
   private drawnAt = 0;
-  /** Lines that the serial monitor does not show yet. */
-  private lines: string[] = [];
-  private linesAt = 0;
-  private followsLines = true;
-  /** Commands of the sliders, by actuator. */
-  private readonly held = new Map<number, number>();
+  /** Simulated time at which the recording of the wires ends; null without one. */
+  private recordedTo: number | null = null;
+  /** True while a slider holds an output. */
+  private isHeld = false;
   /** What "Use all outputs" does next, and when; null when it does nothing. */
   private expand: { step: "disarm" | "arm"; at: number } | null = null;
-  private current = PROGRAMS[0];
+  private current: Choice = PROGRAMS[0];
+  private keptAt = 0;
+  /** True until the parameters of the started node are asked for. */
+  private readsParameters = true;
+  /** Parameters that were set, but not saved. */
+  private readonly unsaved = new Map<string, number>();
+  /** Faults of a link, which begin when the node runs. */
+  private faultsToBegin: string[] = [];
+  /** The file that the user opened last. */
+  private own: Choice | null = null;
+  /** A link whose program the user has to choose. */
+  private waitingLink: Link | null = null;
 
-  private readonly plots = new Plots();
-  private readonly detail = new Detail();
-  private readonly timeline = new Timeline((number) => this.showFrame(number));
-  private readonly outputs = new Outputs(byId("outputs"), (actuator, deflection) => {
-    this.held.set(actuator, deflection);
-    this.simulation.hold(actuator, deflection);
+  /** True while the simulated board is on the screen; otherwise its time stands still. */
+  private isShown = true;
+
+  private readonly monitor = new Monitor(byId("monitor"));
+  private readonly realBoard = new RealBoard();
+  private readonly realBus = new RealBusView();
+  private readonly views = new Views();
+  private readonly marks = new Marks();
+  private readonly plots = new Plots(this.marks);
+  private readonly detail = new Detail("");
+  private readonly timeline = new Timeline("", LANES, this.marks, (number) => this.showFrame(number));
+  private readonly outputs = new Outputs(byId("outputs"), (output, motor, command) => {
+    this.isHeld = true;
+    if (motor === null) {
+      this.simulation.hold(output, command);
+    } else {
+      this.simulation.hold_motor(motor, command);
+    }
   });
-  private readonly parameters = new Parameters((name, value) =>
-    this.simulation.set_parameter(name, value),
-  );
+  private readonly parameters = new Parameters("", (name, text) => {
+    this.simulation.write_parameter(name, text);
+    // A link has numbers.
+    if (Number.isFinite(Number(text))) {
+      this.unsaved.set(name, Number(text));
+    }
+  });
+  private readonly ownBoard = new OwnBoard(JSON.parse(choices()), () => {
+    if (this.own) {
+      this.own = { ...this.own, wiring: this.ownBoard.wiring() };
+      this.load(this.own);
+    }
+  });
   private readonly faults = new Faults(JSON.parse(faults()), (name) => this.simulation.inject(name));
 
   constructor() {
+    new Tour();
     this.listen();
     this.listenToFiles();
     this.load(PROGRAMS[0]);
+    this.openLink();
+    window.addEventListener("hashchange", () => this.openLink());
+    this.views.onChange((name) => {
+      this.isShown = name === "simulated";
+      this.synchronise();
+    });
+    this.views.follow();
     requestAnimationFrame((time) => this.picture(time));
   }
 
-  /** Starts a program; a wrong file leaves the present one running. */
-  private load(choice: (typeof PROGRAMS)[number]) {
+  /** Starts a program with the EEPROM that it left; a wrong file leaves the present one running. */
+  private load(choice: Choice) {
     let next: Simulation;
+    let processor: Processor;
     try {
-      const program = Program.parse(choice.bytes);
+      const program = Program.parse(choice.bytes, choice.wiring || "{}");
+      if (!program.names_chip()) {
+        this.askForChip(choice);
+        return;
+      }
       const flash = program.flash();
-      const processor = new Processor(flash, program.ram_bytes(), program.eeprom());
+      processor = new Processor(flash, program.ram_bytes(), kept(nameOfEeprom(choice), program.eeprom()));
       next = new Simulation(program, processor, choice.autopilot);
     } catch (error) {
       this.notice(`${choice.name} cannot run here: ${String(error)}`);
+      this.showChoice();
       return;
     }
     this.notice("");
     this.simulation?.free();
     this.simulation = next;
+    this.processor = processor;
     this.current = choice;
-    this.held.clear();
+    this.ownBoard.show(choice.wiring ?? null);
+    this.showChoice();
+    this.isHeld = false;
+    this.unsaved.clear();
+    this.faultsToBegin = [];
     this.expand = null;
     byId<HTMLSelectElement>("pattern").value = choice.autopilot;
     byId<HTMLInputElement>("temperature").value = "20";
     byId<HTMLInputElement>("brightness").value = "0";
-    this.lines = [];
-    this.followsLines = true;
-    byId("monitor").replaceChildren();
+    this.recordedTo = null;
+    this.monitor.clear();
     this.timeline.clear();
     this.plots.clear();
+    this.marks.clear();
     this.parameters.clear();
+    // The thesis's node has none.
+    this.readsParameters = choice.autopilot !== "thesis";
     this.detail.hide();
-    this.offset = performance.now();
-    this.speed = { at: this.offset, simulated: 0, factor: 1 };
+    this.synchronise();
     this.snapshot = JSON.parse(next.snapshot());
     setText(byId("wiring"), this.snapshot.board);
     setText(byId("node-text"), "");
@@ -110,12 +195,110 @@ class Page {
     byId("light-box").hidden = !this.snapshot.has_light;
   }
 
-  private notice(text: string) {
+  /** A HEX file does not say its chip. */
+  private askForChip(choice: Choice) {
+    this.notice(`${choice.name} does not say for which chip it is: choose chip or board.`, false);
+    this.ownBoard.show(choice.wiring ?? "");
+    this.ownBoard.ask();
+  }
+
+  private reboot() {
+    keep(nameOfEeprom(this.current), encode(this.processor.eeprom()));
+    this.load(this.current);
+  }
+
+  /** Plays a script from power-on, from which its times count. */
+  private play(name: string, script: Uint8Array) {
+    this.reboot();
+    try {
+      this.notice(`${name} plays: ${this.simulation.play(script)}.`, false);
+    } catch (error) {
+      this.notice(`${name}: ${String(error)}`);
+    }
+  }
+
+  /** The list names the program that runs, also one from a file. */
+  private showChoice() {
+    const select = byId<HTMLSelectElement>("program");
+    const index = PROGRAMS.findIndex(({ name }) => name === this.current.name);
+    while (select.options.length > PROGRAMS.length) {
+      select.options[PROGRAMS.length].remove();
+    }
+    if (index < 0) {
+      select.append(new Option(this.current.name));
+    }
+    select.selectedIndex = index < 0 ? PROGRAMS.length : index;
+  }
+
+  /** Real time goes on from the present simulated time. */
+  private synchronise() {
+    const simulated = this.simulation.now() / CYCLES_PER_MS;
+    const at = performance.now();
+    this.offset = at - simulated / this.rate;
+    this.behind = false;
+    this.speed = { at, simulated, factor: this.rate };
+  }
+
+  private notice(text: string, isError = true) {
+    byId("notice").classList.toggle("error", isError);
     byId("notice").hidden = text === "";
     setText(byId("notice"), text);
   }
 
+  /** Loads what the address has. */
+  private openLink() {
+    const link = fromHash(location.hash);
+    const program = PROGRAMS.find(({ name }) => name === link?.program);
+    if (link && program) {
+      this.loadLink(link, program.bytes);
+    } else if (link) {
+      this.waitingLink = link;
+      this.notice(`This link is for the program ${link.program}: choose the file, with "Own ELF or HEX".`, false);
+    }
+  }
+
+  private loadLink(link: Link, bytes: Uint8Array) {
+    // The user's own EEPROM of the program stays.
+    const keptAs = "a link";
+    keep(keptAs, link.eeprom);
+    const { program: name, pattern: autopilot, wiring } = link;
+    const isOwn = !PROGRAMS.some((program) => program.name === name);
+    const choice = { name, bytes, autopilot, keptAs, wiring: isOwn ? wiring : undefined };
+    this.own = isOwn ? choice : null;
+    this.load(choice);
+    link.parameters.forEach(([name, value]) => this.unsaved.set(name, value));
+    this.faultsToBegin = link.faults;
+  }
+
+  /** The address of the page gets what runs. */
+  private async copyLink() {
+    const hash = toHash({
+      program: this.current.name,
+      pattern: byId<HTMLSelectElement>("pattern").value,
+      wiring: this.current.wiring ?? "",
+      eeprom: encode(this.processor.eeprom()),
+      parameters: [...this.unsaved],
+      faults: this.snapshot.faults,
+    });
+    history.replaceState(null, "", hash);
+    const isCopied = await navigator.clipboard?.writeText(location.href).then(
+      () => true,
+      () => false,
+    );
+    const how = isCopied ? "It is copied." : "Copy it from there.";
+    this.notice(`The address of this page restores what runs now. ${how}`, false);
+  }
+
   private picture(time: number) {
+    this.realBoard.draw(time);
+    this.realBus.draw(time);
+    if (this.isShown) {
+      this.pictureOfSimulation(time);
+    }
+    requestAnimationFrame((next) => this.picture(next));
+  }
+
+  private pictureOfSimulation(time: number) {
     if (this.running) {
       this.run(time);
     }
@@ -127,26 +310,30 @@ class Page {
       }
       this.show(time);
     }
-    requestAnimationFrame((next) => this.picture(next));
+    if (time - this.keptAt >= KEEP_MS) {
+      this.keptAt = time;
+      keep(nameOfEeprom(this.current), encode(this.processor.eeprom()));
+    }
   }
 
   /** Simulates up to the present moment, as far as the budget allows. */
   private run(time: number) {
     const start = performance.now();
-    const wanted = time - this.offset;
+    const wanted = this.rate === Infinity ? Infinity : (time - this.offset) * this.rate;
     let simulated = this.simulation.now() / CYCLES_PER_MS;
     while (simulated < wanted && performance.now() - start < BUDGET_MS) {
       simulated += SLICE_MS;
       this.simulation.advance(simulated * CYCLES_PER_MS);
     }
-    if (wanted - simulated > LAG_MS) {
+    if (wanted - simulated > LAG_MS * this.rate) {
       // What was missed is not made up for.
-      this.offset += wanted - simulated;
+      this.offset += (wanted - simulated) / this.rate;
     }
     if (time - this.speed.at > 1000) {
       const factor = (simulated - this.speed.simulated) / (time - this.speed.at);
       // One slow second is no news: the browser still compiles.
-      this.behind = factor < SLOW && this.speed.factor < SLOW;
+      const slow = SLOW * this.rate;
+      this.behind = this.rate < Infinity && factor < slow && this.speed.factor < slow;
       this.speed = { at: time, simulated, factor };
     }
   }
@@ -156,14 +343,21 @@ class Page {
       case "frame":
         this.timeline.add(event);
         return;
+      case "mark":
+        this.marks.add(event);
+        return;
       case "line":
-        this.lines.push(event.text);
+        this.monitor.add(event.text);
+        break;
+      case "hint":
+        this.notice(event.text, false);
+        this.monitor.add(`[hint] ${event.text}`);
         break;
       case "mistake":
-        this.lines.push(`[mistake of the program] ${event.text}`);
+        this.monitor.add(`[mistake of the program] ${event.text}`);
         break;
       case "node":
-        this.lines.push(`[autopilot] ${event.text}`);
+        this.monitor.add(`[autopilot] ${event.text}`);
         break;
     }
   }
@@ -173,12 +367,17 @@ class Page {
     this.outputs.show(snapshot.outputs);
     this.showAllOutputs();
     this.timeline.draw(snapshot.now);
-    this.plots.add(snapshot, this.held.get(1) ?? snapshot.autopilot.deflection);
+    this.plots.add(snapshot);
     this.plots.draw(snapshot.now);
-    this.parameters.show(snapshot);
+    this.parameters.show(snapshot.client);
     this.faults.show(snapshot.faults);
     this.showNode();
-    this.showLines(time);
+    this.monitor.draw(time);
+    setPressed(byId("vcd"), this.recordedTo !== null);
+    if (this.recordedTo !== null && snapshot.now >= this.recordedTo) {
+      this.recordedTo = null;
+      download("wires.vcd", this.simulation.take_wires() as BlobPart);
+    }
     const factor = this.speed.factor.toFixed(2);
     const paused = this.running ? "" : "paused, ";
     const late = this.running && this.behind ? ": this machine cannot keep up" : "";
@@ -187,14 +386,14 @@ class Page {
     const rate = snapshot.bit_rate / 1000;
     setText(byId("load"), `${load} % of ${rate} kbit/s, ${snapshot.error_frames} error frames`);
     setText(byId("sensor"), `${snapshot.sensor_c.toFixed(1)} °C`);
+    byId("temperature").setAttribute("aria-valuetext", `${snapshot.sensor_c.toFixed(1)} °C`);
     byId("light").style.setProperty("--duty", String(snapshot.light));
     setText(byId("light-text"), `${Math.round(snapshot.light * 100)} %`);
-    const { armed, safe, silent, sweeps, name, command_type } = snapshot.autopilot;
+    const { armed, safe, sweeps, name, command_type } = snapshot.autopilot;
     setPressed(byId("armed"), armed);
     setText(byId("armed"), armed ? "Armed" : "Disarmed");
     setPressed(byId("safe"), safe);
-    setPressed(byId("silent"), silent);
-    setPressed(byId("sweep"), sweeps && this.held.size === 0);
+    setPressed(byId("sweep"), sweeps && !this.isHeld);
     setText(byId("autopilot-text"), `${name}, commands: ${command_type}`);
     if (snapshot.crash) {
       this.notice(`The program has crashed: ${snapshot.crash}. Power the board off and on.`);
@@ -203,11 +402,14 @@ class Page {
 
   /** The node accepts another number of outputs only while the vehicle is disarmed. */
   private showAllOutputs() {
-    const { now, outputs, autopilot } = this.snapshot;
+    const { now, outputs, autopilot, client } = this.snapshot;
     const used = outputs.filter((output) => output.width_us !== null).length;
     byId("all-outputs").hidden = outputs.length === 1 || used !== 1 || this.expand !== null;
+    const hasEscs = client.parameters.some(({ name }) => name === "ESC_RATE");
+    setText(byId("all-outputs"), hasEscs ? "Use four motors" : "Use all outputs");
     if (this.expand?.step === "disarm" && now >= this.expand.at) {
-      this.simulation.set_parameter("OUT_COUNT", outputs.length);
+      const settings = hasEscs ? FOUR_MOTORS : [["OUT_COUNT", outputs.length] as const];
+      settings.forEach(([name, value]) => this.simulation.set_parameter(name, value));
       this.simulation.save_parameters();
       this.simulation.restart();
       this.expand = { step: "arm", at: now + RESTART_S };
@@ -220,7 +422,10 @@ class Page {
   }
 
   private showNode() {
-    const { node, controller } = this.snapshot;
+    const { node, controller, client } = this.snapshot;
+    if (node?.mode === "OPERATIONAL" && !client.busy) {
+      this.begin();
+    }
     const isSilent = !node || node.silent_s > 3;
     const health = byId("health");
     setText(health, isSilent ? "silent" : node.health);
@@ -233,9 +438,7 @@ class Page {
     if (list.dataset.shown !== conditions) {
       list.dataset.shown = conditions;
       list.replaceChildren(
-        ...(node?.conditions ?? []).map((text) =>
-          Object.assign(document.createElement("li"), { textContent: text }),
-        ),
+        ...(node?.conditions ?? []).map(([text, advice]) => make("li", { textContent: `${text}: ${advice}` })),
       );
     }
     const { mode, error_state, tec, rec, lost, worst_us } = controller;
@@ -246,19 +449,14 @@ class Page {
     );
   }
 
-  private showLines(time: number) {
-    if (this.lines.length === 0 || time - this.linesAt < MONITOR_MS) {
-      return;
-    }
-    this.linesAt = time;
-    const monitor = byId("monitor");
-    monitor.append(...this.lines.map((line) => `${line}\n`));
-    this.lines = [];
-    while (monitor.childNodes.length > LINES) {
-      monitor.firstChild!.remove();
-    }
-    if (this.followsLines) {
-      monitor.scrollTop = monitor.scrollHeight;
+  /** Asks for the parameters of a node that has started, and then restores what a link has. */
+  private begin() {
+    if (this.readsParameters) {
+      this.readsParameters = false;
+      this.simulation.read_parameters();
+      this.unsaved.forEach((value, name) => this.simulation.set_parameter(name, value));
+    } else {
+      this.faultsToBegin.splice(0).forEach((name) => this.simulation.inject(name));
     }
   }
 
@@ -271,43 +469,90 @@ class Page {
     }
   }
 
+  private stepBit() {
+    const bit = (CYCLES_PER_MS * 1000) / this.snapshot.bit_rate;
+    this.simulation.advance(this.simulation.now() + bit);
+  }
+
+  /** Simulates up to the end of the next frame on the bus. */
+  private stepFrame() {
+    const { frames } = this.snapshot;
+    const end = this.simulation.now() + STEP_MS * CYCLES_PER_MS;
+    while (this.simulation.now() < end) {
+      this.stepBit();
+      if (this.simulation.frames() > frames) {
+        return;
+      }
+    }
+    this.notice(`No frame came in ${STEP_MS / 1000} s.`);
+  }
+
   private listen() {
     const click = (id: string, act: () => void) => byId(id).addEventListener("click", act);
     click("run", () => {
       this.running = !this.running;
       setText(byId("run"), this.running ? "Pause" : "Run");
-      this.offset = performance.now() - this.simulation.now() / CYCLES_PER_MS;
-      this.speed = { ...this.speed, at: performance.now(), simulated: this.snapshot.now * 1000 };
+      byId("steps").hidden = this.running;
+      this.synchronise();
     });
-    click("reboot", () => this.load(this.current));
+    click("step-frame", () => this.stepFrame());
+    click("step-bit", () => this.stepBit());
+    const rate = byId<HTMLSelectElement>("rate");
+    rate.addEventListener("change", () => {
+      this.rate = Number(rate.value);
+      this.synchronise();
+    });
+    click("reboot", () => this.reboot());
+    click("blank", () => {
+      forget(nameOfEeprom(this.current));
+      this.load(this.current);
+    });
     click("sweep", () => {
-      this.held.clear();
+      this.isHeld = false;
       this.simulation.sweep();
     });
     click("armed", () => this.simulation.inject("disarm"));
-    click("silent", () => this.simulation.inject("silence"));
     click("safe", () => this.simulation.set_safe(!this.snapshot.autopilot.safe));
     click("reset", () => this.simulation.inject("reset"));
     click("read", () => {
       this.parameters.clear();
       this.simulation.read_parameters();
     });
-    click("save", () => this.simulation.save_parameters());
+    click("save", () => {
+      this.unsaved.clear();
+      this.simulation.save_parameters();
+    });
     click("all-outputs", () => {
       if (this.snapshot.autopilot.armed) {
         this.simulation.inject("disarm");
       }
       this.expand = { step: "disarm", at: this.snapshot.now + DISARM_S };
     });
+    click("candump", () => download("bus.log", this.simulation.candump() as BlobPart));
+    click("pcap", () => download("bus.pcap", this.simulation.pcap() as BlobPart));
+    click("lines", () => download("monitor.txt", this.monitor.text()));
+    click("vcd", () => {
+      this.simulation.record_wires();
+      this.recordedTo = this.snapshot.now + RECORDING_S;
+    });
+    click("link", () => void this.copyLink());
     click("erase", () => this.simulation.erase_parameters());
     click("restart", () => this.simulation.restart());
     const button = byId("button");
-    const press = (pressed: boolean) => () => this.simulation.press_button(pressed);
+    const press = (pressed: boolean) => () => {
+      setPressed(button, pressed);
+      this.simulation.press_button(pressed);
+    };
+    const byKey = (act: () => void) => (event: KeyboardEvent) => {
+      if (event.key === " " || event.key === "Enter") {
+        act();
+      }
+    };
     button.addEventListener("pointerdown", press(true));
     button.addEventListener("pointerup", press(false));
     button.addEventListener("pointerleave", press(false));
-    button.addEventListener("keydown", press(true));
-    button.addEventListener("keyup", press(false));
+    button.addEventListener("keydown", byKey(press(true)));
+    button.addEventListener("keyup", byKey(press(false)));
     button.addEventListener("blur", press(false));
     const temperature = byId<HTMLInputElement>("temperature");
     temperature.addEventListener("input", () =>
@@ -317,10 +562,6 @@ class Page {
     brightness.addEventListener("input", () => this.simulation.set_light(Number(brightness.value)));
     const pattern = byId<HTMLSelectElement>("pattern");
     pattern.addEventListener("change", () => this.simulation.set_autopilot(pattern.value));
-    const monitor = byId("monitor");
-    monitor.addEventListener("scroll", () => {
-      this.followsLines = monitor.scrollTop + monitor.clientHeight > monitor.scrollHeight - 20;
-    });
     byId("send").addEventListener("submit", (event) => {
       event.preventDefault();
       const text = byId<HTMLInputElement>("text");
@@ -334,9 +575,21 @@ class Page {
     select.append(...PROGRAMS.map(({ name }) => new Option(name)));
     select.addEventListener("change", () => this.load(PROGRAMS[select.selectedIndex]));
     const open = async (file: File | undefined) => {
-      if (file) {
+      if (file?.name.endsWith(".ino")) {
+        this.notice(`${file.name} is the text of a sketch. The Arduino IDE makes the program of it: Sketch > Export compiled binary. Open the ELF or the HEX file that is beside it then.`);
+      } else if (file) {
         const bytes = new Uint8Array(await file.arrayBuffer());
-        this.load({ name: file.name, bytes, autopilot: byId<HTMLSelectElement>("pattern").value });
+        if (SCRIPT.test(new TextDecoder().decode(bytes.slice(0, 1000)))) {
+          this.play(file.name, bytes);
+          return;
+        }
+        if (this.waitingLink?.program === file.name) {
+          this.loadLink(this.waitingLink, bytes);
+          return;
+        }
+        const autopilot = byId<HTMLSelectElement>("pattern").value;
+        this.own = { name: file.name, bytes, autopilot, wiring: "" };
+        this.load(this.own);
       }
     };
     const input = byId<HTMLInputElement>("file");
@@ -353,7 +606,12 @@ class Page {
     document.addEventListener("drop", (event) => {
       event.preventDefault();
       classList.remove("drop");
-      void open(event.dataTransfer?.files[0]);
+      const file = event.dataTransfer?.files[0];
+      if (this.isShown) {
+        void open(file);
+      } else if (this.views.shown === "board") {
+        void this.realBoard.open(file);
+      }
     });
   }
 }

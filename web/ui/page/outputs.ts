@@ -1,4 +1,5 @@
-// The outputs as servos whose arms follow the measured pulse, with a slider for each command.
+// The outputs: servos whose arms follow the measured pulse, and motors whose propellers do; with a
+// slider for each command.
 
 import { make, setText } from "./dom";
 import type { Output } from "./types";
@@ -6,6 +7,14 @@ import type { Output } from "./types";
 /** Angle of an arm for a pulse: 90 degrees for 1000 us, as usual servos. */
 const DEGREES_PER_US = 90 / 1000;
 const CENTRE_US = 1500;
+/** Pulse of a motor that stands, and its range. */
+const STOP_US = 1000;
+const RANGE_US = 1000;
+/** OneShot125 has an eighth of the widths, up to 250 us. */
+const ONESHOT = 8;
+const ONESHOT_MAX_US = 300;
+/** Degrees in a picture at full power. */
+const FULL_SPEED = 50;
 
 const SERVO = `
   <svg viewBox="0 0 120 96" aria-hidden="true">
@@ -14,54 +23,77 @@ const SERVO = `
     <g class="arm"><path class="horn" d="M54 60 L57 14 Q60 9 63 14 L66 60 Z" /></g>
     <circle class="hub" cx="60" cy="60" r="7" />
   </svg>`;
+const MOTOR = `
+  <svg viewBox="0 0 120 96" aria-hidden="true">
+    <circle class="case" cx="60" cy="48" r="18" />
+    <g class="propeller"><path class="horn" d="M60 48 Q84 32 104 46 Q84 56 60 48 Q36 64 16 50 Q36 40 60 48 Z" /></g>
+    <circle class="hub" cx="60" cy="48" r="6" />
+  </svg>`;
 
-class Servo {
-  readonly element = make("div", { className: "output", innerHTML: SERVO });
-  private readonly arm = this.element.querySelector<SVGElement>(".arm")!;
+/** Moves an actuator, 1 to 255, or a motor. */
+export type Hold = (output: number, motor: number | null, command: number) => void;
+
+class Actuator {
+  readonly element: HTMLElement;
+  private readonly moving: SVGElement;
   private readonly width = make("strong");
-  private readonly slider = make("input", {
-    type: "range",
-    min: "-1",
-    max: "1",
-    step: "0.01",
-    value: "0",
-  });
+  private readonly slider: HTMLInputElement;
+  private turned = 0;
 
-  constructor(index: number, pin: string, hold: (actuator: number, deflection: number) => void) {
-    const label = make("label", {}, `Command ${index + 1}`, this.slider);
+  constructor(index: number, { pin, motor }: Output, hold: Hold) {
+    const [picture, name, min] = motor === null ? [SERVO, "Command", "-1"] : [MOTOR, "Power", "0"];
+    this.element = make("div", { className: "output", innerHTML: picture });
+    this.moving = this.element.querySelector<SVGElement>(".arm, .propeller")!;
+    this.slider = make("input", { type: "range", min, max: "1", step: "0.01", value: "0" });
+    const label = make("label", {}, `${name} ${index + 1}`, this.slider);
     this.element.append(make("div", {}, `${pin} `, this.width), label);
-    this.slider.addEventListener("input", () => hold(index + 1, Number(this.slider.value)));
+    this.slider.addEventListener("input", () => hold(index + 1, motor, Number(this.slider.value)));
   }
 
-  show(output: Output) {
-    const width = output.width_us;
+  show({ width_us: width, motor, command }: Output) {
     setText(this.width, width === null ? "no pulses" : `${width.toFixed(1)} µs`);
     this.element.classList.toggle("off", width === null);
-    if (width !== null) {
-      const angle = (width - CENTRE_US) * DEGREES_PER_US;
-      this.arm.setAttribute("transform", `rotate(${angle.toFixed(2)} 60 60)`);
+    // The command in force, except while the user moves it.
+    if (!this.slider.matches(":active, :focus-visible")) {
+      this.slider.value = String(command);
     }
+    this.slider.setAttribute("aria-valuetext", `${Math.round(Number(this.slider.value) * 100)} %`);
+    if (width !== null) {
+      const degrees = motor === null ? (width - CENTRE_US) * DEGREES_PER_US : this.turn(width);
+      const centre = motor === null ? "60 60" : "60 48";
+      this.moving.setAttribute("transform", `rotate(${degrees.toFixed(2)} ${centre})`);
+    }
+  }
+
+  /** Angle of the propeller in the next picture. */
+  private turn(width: number) {
+    const normal = width < ONESHOT_MAX_US ? width * ONESHOT : width;
+    this.turned = (this.turned + (Math.max(normal - STOP_US, 0) / RANGE_US) * FULL_SPEED) % 360;
+    return this.turned;
   }
 }
 
-/** The servos of a board, drawn anew when the number of outputs changes. */
+/** The actuators of a board, drawn anew when an output begins or ends, or gets another type. */
 export class Outputs {
-  private servos: Servo[] = [];
+  private actuators: Actuator[] = [];
+  private drawn = "";
 
   constructor(
     private readonly parent: HTMLElement,
-    private readonly hold: (actuator: number, deflection: number) => void,
+    private readonly hold: Hold,
   ) {}
 
   show(outputs: Output[]) {
     // Outputs that give no pulses are not drawn, except the first.
     const used = outputs.findLastIndex((output) => output.width_us !== null);
     const shown = outputs.slice(0, Math.max(used + 1, 1));
-    if (shown.length !== this.servos.length) {
-      this.servos = shown.map((output, index) => new Servo(index, output.pin, this.hold));
-      this.parent.replaceChildren(...this.servos.map((servo) => servo.element));
+    const drawn = shown.map(({ pin, motor }) => `${pin} ${motor}`).join();
+    if (drawn !== this.drawn) {
+      this.drawn = drawn;
+      this.actuators = shown.map((output, index) => new Actuator(index, output, this.hold));
+      this.parent.replaceChildren(...this.actuators.map((actuator) => actuator.element));
       this.parent.classList.toggle("one", shown.length === 1);
     }
-    shown.forEach((output, index) => this.servos[index].show(output));
+    shown.forEach((output, index) => this.actuators[index].show(output));
   }
 }

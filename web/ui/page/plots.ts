@@ -2,6 +2,7 @@
 
 import uPlot from "uplot";
 import { byId, colour } from "./dom";
+import type { Marks } from "./marks";
 import type { Snapshot } from "./types";
 
 const SPAN_S = 12;
@@ -13,6 +14,11 @@ const HALF_TRAVEL_US = 500;
 
 type Series = (number | null)[];
 
+function drawMarks({ ctx, bbox, valToPos }: uPlot, marks: Marks) {
+  const area = new DOMRect(bbox.left, bbox.top, bbox.width, bbox.height);
+  marks.draw(ctx, (at) => valToPos(at, "x", true), area);
+}
+
 class Plot {
   private readonly plot: uPlot;
   private readonly times: number[] = [];
@@ -20,12 +26,14 @@ class Plot {
   private isVisible = true;
 
   constructor(
-    parent: HTMLElement,
+    id: string,
     names: string[],
     colours: string[],
-    range: [number, number] | null,
+    range: [number, number],
     stepped: boolean,
+    marks: Marks,
   ) {
+    const parent = byId(id);
     this.values = names.map(() => []);
     const ink = colour("dim");
     const grid = { stroke: colour("line"), width: 1 };
@@ -36,7 +44,8 @@ class Plot {
         height: HEIGHT,
         legend: { show: names.length > 1, live: false },
         cursor: { show: false },
-        scales: { x: { time: false }, y: range ? { range } : {} },
+        hooks: { draw: [(plot) => drawMarks(plot, marks)] },
+        scales: { x: { time: false }, y: { range } },
         axes: [
           { stroke: ink, grid, size: 24, values: (_, ticks) => ticks.map((t) => `${t} s`) },
           { stroke: ink, grid, size: 54 },
@@ -90,30 +99,26 @@ class Plot {
 
 export class Plots {
   private next = 0;
-  private readonly pulse = new Plot(
-    byId("plot-pulse"),
-    ["command", "pulse"],
-    ["autopilot", "node"],
-    [900, 2100],
-    true,
-  );
-  private readonly temperature = new Plot(
-    byId("plot-temperature"),
-    ["sensor", "node"],
-    ["autopilot", "node"],
-    [0, 100],
-    true,
-  );
-  private readonly load = new Plot(byId("plot-load"), ["load"], ["ok"], [0, 100], false);
+  private readonly pulse: Plot;
+  private readonly temperature: Plot;
+  private readonly load: Plot;
 
-  add(snapshot: Snapshot, command: number) {
+  constructor(marks: Marks) {
+    const colours = ["autopilot", "node"];
+    this.pulse = new Plot("plot-pulse", ["command", "pulse"], colours, [900, 2100], true, marks);
+    this.temperature = new Plot("plot-temperature", ["sensor", "node"], colours, [0, 100], true, marks);
+    this.load = new Plot("plot-load", ["load"], ["ok"], [0, 100], false, marks);
+  }
+
+  add(snapshot: Snapshot) {
     const { now } = snapshot;
     if (now < this.next) {
       return;
     }
     this.next = now + STEP_S;
-    const commandUs = CENTRE_US + command * HALF_TRAVEL_US;
-    this.pulse.add(now, commandUs, snapshot.outputs[0].width_us);
+    const [{ motor, command, width_us }] = snapshot.outputs;
+    const deflection = motor === null ? command : 2 * command - 1;
+    this.pulse.add(now, CENTRE_US + deflection * HALF_TRAVEL_US, width_us);
     this.temperature.add(now, snapshot.sensor_c, snapshot.node_c);
     this.load.add(now, snapshot.load * 100);
   }

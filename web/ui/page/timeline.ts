@@ -1,19 +1,20 @@
 // The bus as a timeline of frames, a lane for each sender, and the list of the latest transfers.
 
 import { byId, colour, make, prepare, setPressed } from "./dom";
+import type { Marks } from "./marks";
 import type { FrameEvent } from "./types";
 
 /** Frames that are kept for the timeline. page.rs keeps the details of 4096. */
 const KEPT = 4000;
-const ROWS = 9;
+const ROWS = 7;
 const LANE_HEIGHT = 30;
 const LEFT = 76;
 const AXIS = 20;
-const LANES = ["autopilot", "node", "tool", "others"];
 
-function lane(from: string) {
-  const at = LANES.indexOf(from);
-  return at < 0 ? LANES.length - 1 : at;
+/** A sender, and its colour in app.css. The last lane is for all that have none. */
+export interface Lane {
+  name: string;
+  colour: string;
 }
 
 export class Timeline {
@@ -22,12 +23,22 @@ export class Timeline {
   private end = 0;
   private follows = true;
   private rows: { row: HTMLLIElement; button: HTMLButtonElement; cells: HTMLElement[] }[] = [];
-  private readonly canvas = byId<HTMLCanvasElement>("timeline");
-  private readonly span = byId<HTMLSelectElement>("window");
-  private readonly filter = byId<HTMLSelectElement>("filter");
-  private readonly followButton = byId("follow");
+  private readonly canvas: HTMLCanvasElement;
+  private readonly span: HTMLSelectElement;
+  private readonly filter: HTMLSelectElement;
+  private readonly followButton: HTMLElement;
 
-  constructor(private readonly select: (number: number) => void) {
+  /** `prefix` begins the IDs of its elements. */
+  constructor(
+    private readonly prefix: string,
+    public lanes: Lane[],
+    private readonly marks: Marks | null,
+    private readonly select: (number: number) => void,
+  ) {
+    this.canvas = byId<HTMLCanvasElement>(`${prefix}timeline`);
+    this.span = byId<HTMLSelectElement>(`${prefix}window`);
+    this.filter = byId<HTMLSelectElement>(`${prefix}filter`);
+    this.followButton = byId(`${prefix}follow`);
     this.canvas.addEventListener("click", (event) => this.click(event.offsetX, event.offsetY));
     this.canvas.addEventListener("keydown", (event) => {
       const step = event.key === "ArrowRight" ? 1 : event.key === "ArrowLeft" ? -1 : 0;
@@ -37,8 +48,8 @@ export class Timeline {
       }
     });
     this.followButton.addEventListener("click", () => this.follow(!this.follows));
-    byId("previous").addEventListener("click", () => this.step(-1));
-    byId("next").addEventListener("click", () => this.step(1));
+    byId(`${prefix}previous`).addEventListener("click", () => this.step(-1));
+    byId(`${prefix}next`).addEventListener("click", () => this.step(1));
     this.makeRows();
   }
 
@@ -53,6 +64,12 @@ export class Timeline {
     if (this.frames.length > 2 * KEPT) {
       this.frames.splice(0, KEPT);
     }
+  }
+
+  /** Index of the lane of a sender. */
+  private lane(from: string) {
+    const at = this.lanes.findIndex(({ name }) => name === from);
+    return at < 0 ? this.lanes.length - 1 : at;
   }
 
   draw(now: number) {
@@ -93,7 +110,7 @@ export class Timeline {
     const time = this.end - span + (x - LEFT) / scale;
     const wanted = Math.floor(y / LANE_HEIGHT);
     const distance = (frame: FrameEvent) =>
-      Math.max(frame.start - time, time - frame.end, 0) * scale + (lane(frame.from) === wanted ? 0 : 8);
+      Math.max(frame.start - time, time - frame.end, 0) * scale + (this.lane(frame.from) === wanted ? 0 : 8);
     const visible = this.frames.filter((frame) => frame.end > this.end - span);
     const [nearest] = visible.sort((a, b) => distance(a) - distance(b));
     if (nearest && distance(nearest) < 20) {
@@ -103,7 +120,7 @@ export class Timeline {
 
   private drawLanes() {
     const width = this.canvas.clientWidth;
-    const height = LANES.length * LANE_HEIGHT + AXIS;
+    const height = this.lanes.length * LANE_HEIGHT + AXIS;
     const context = prepare(this.canvas, width, height);
     this.canvas.style.height = `${height}px`;
     const span = Number(this.span.value);
@@ -112,7 +129,7 @@ export class Timeline {
     context.font = "12px system-ui, sans-serif";
     context.textBaseline = "middle";
     const [ink, dim, line] = ["ink", "dim", "line"].map(colour);
-    LANES.forEach((name, index) => {
+    this.lanes.forEach(({ name }, index) => {
       context.fillStyle = dim;
       context.fillText(name, 6, index * LANE_HEIGHT + LANE_HEIGHT / 2);
       context.fillStyle = line;
@@ -128,11 +145,11 @@ export class Timeline {
       context.fillText(`${ms.toFixed(span < 0.05 ? 1 : 0)} ms`, x, height - AXIS / 2);
     }
     context.textAlign = "left";
-    const colours = ["autopilot", "node", "tool", "other"].map(colour);
+    const colours = this.lanes.map((lane) => colour(lane.colour));
     const error = colour("error");
     for (let at = this.frames.length - 1; at >= 0 && this.frames[at].end > start; at--) {
       const frame = this.frames[at];
-      const index = lane(frame.from);
+      const index = this.lane(frame.from);
       const x = LEFT + Math.max((frame.start - start) * scale, 0);
       const right = LEFT + (frame.end - start) * scale;
       const y = index * LANE_HEIGHT + 5;
@@ -144,6 +161,8 @@ export class Timeline {
         context.strokeRect(x - 2, y - 2, Math.max(right - x, 1) + 4, LANE_HEIGHT - 7);
       }
     }
+    const area = new DOMRect(LEFT, 0, width - LEFT, height - AXIS);
+    this.marks?.draw(context, (at) => LEFT + (at - start) * scale, area);
   }
 
   private makeRows() {
@@ -156,7 +175,7 @@ export class Timeline {
       });
       return { row: make("li", {}, button), button, cells };
     });
-    byId("traffic").replaceChildren(...this.rows.map(({ row }) => row));
+    byId(`${this.prefix}traffic`).replaceChildren(...this.rows.map(({ row }) => row));
   }
 
   private drawRows() {
@@ -176,7 +195,7 @@ export class Timeline {
         button.dataset.number = String(frame.number);
         cells[0].textContent = frame.start.toFixed(4);
         cells[1].textContent = frame.from;
-        cells[1].className = `from-${frame.from}`;
+        cells[1].className = `from-${frame.from.split(" ")[0]}`;
         cells[2].textContent = frame.text;
         button.title = frame.text;
       }

@@ -1,16 +1,32 @@
-// The JSON of web/src/page.rs.
+// The JSON of web/src/page.rs and web/src/bus.rs.
 
 export interface Output {
   pin: string;
   width_us: number | null;
+  /** Index of the motor in RawCommand; null for a servo. */
+  motor: number | null;
+  /** The autopilot's present command: -1 to 1, of a motor 0 to 1. */
+  command: number;
 }
 
 export interface Parameter {
   name: string;
-  value: number | null;
-  min: number | null;
-  max: number | null;
-  default: number | null;
+  kind: "integer" | "real" | "boolean" | "text" | "none";
+  /** Values as a user writes them. */
+  value: string | null;
+  min: string | null;
+  max: string | null;
+  default: string | null;
+}
+
+/** A tool that asks a node (web/src/dialogue.rs). */
+export interface Client {
+  busy: boolean;
+  message: string;
+  info: string | null;
+  /** What of the last file the node has not, and why. */
+  problems: string[];
+  parameters: Parameter[];
 }
 
 export interface Snapshot {
@@ -22,7 +38,6 @@ export interface Snapshot {
     sweeps: boolean;
     armed: boolean;
     safe: boolean;
-    silent: boolean;
   };
   outputs: Output[];
   light: number;
@@ -39,7 +54,8 @@ export interface Snapshot {
     mode: string;
     uptime_s: number;
     vendor_code: number;
-    conditions: string[];
+    /** A condition in words, and what to do. */
+    conditions: [string, string][];
   } | null;
   controller: {
     mode: string;
@@ -49,7 +65,7 @@ export interface Snapshot {
     lost: number;
     worst_us: number;
   };
-  client: { busy: boolean; message: string; info: string | null; parameters: Parameter[] };
+  client: Client;
   faults: string[];
   load: number;
   frames: number;
@@ -70,7 +86,7 @@ export interface FrameEvent {
 }
 
 export interface TextEvent {
-  kind: "line" | "mistake" | "node";
+  kind: "line" | "mistake" | "node" | "mark" | "hint";
   at: number;
   text: string;
 }
@@ -81,16 +97,20 @@ export interface FrameDetail {
   number: number;
   from: string;
   text: string;
-  start: number;
-  end: number;
+  /** In words: of its start, on the real bus of its arrival. */
+  time: string;
   count: number;
+  length_us: number;
   wire: {
     frame: string;
-    acked: boolean;
+    /** In DroneCAN; empty for other frames. */
+    meaning: [string, string][];
     fields: [string, string][];
-    bits: [number, number, number][];
+    /** Level (1 is recessive, null is not known), 1 for a stuff bit, index of the field. */
+    bits: [number | null, number, number][];
   } | null;
-  spi: {
+  /** Only of the simulated board. */
+  spi?: {
     name: string;
     after_us: number;
     took_us: number;
@@ -103,4 +123,54 @@ export interface Fault {
   name: string;
   text: string;
   lasts: boolean;
+}
+
+/** A node on the real bus. */
+export interface BusNode {
+  id: number;
+  name: string | null;
+  dialect: "v0" | "draft";
+  is_ours: boolean;
+  health: string;
+  mode: string;
+  uptime_s: number;
+  vendor_code: number;
+  conditions: string[];
+  silent_s: number;
+  software: string | null;
+  hardware: string | null;
+  unique_id: string | null;
+}
+
+export interface BusUpdate {
+  node: number;
+  runs: boolean;
+  text: string;
+  is_updated?: boolean;
+  sent?: number;
+  total?: number;
+}
+
+/** The state of the real bus. */
+export interface BusSnapshot {
+  state: "closed" | "opening" | "open";
+  trouble: string | null;
+  now: number;
+  bit_rate: number;
+  load: number;
+  /** True if the adapter drives no bit, not even an acknowledgement. */
+  only_listens: boolean;
+  own_id: number | null;
+  /** True while the page listens before it takes a node ID. */
+  listens_first: boolean;
+  received: number;
+  sent: number;
+  dropped: number;
+  echoed: number;
+  invalid: number;
+  logged: number;
+  nodes: BusNode[];
+  chosen: number | null;
+  client: Client | null;
+  updates: BusUpdate[];
 }

@@ -1,0 +1,282 @@
+//! The frames of the real bus: the list and the time line, the log, and the load.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use anyhow::{Context, Result};
+use bench::bus_log::{BusLog, Format};
+use bench::can::{Frame, OnWire, Record, RecordKind};
+use bench::dronecan::{CanId, Decoded, Dialect, Id, Observer};
+use bench::{Cycles, F_CPU_HZ, elapsed};
+use serde_json::{Value as Json, json};
+
+use crate::bits::Ack;
+use crate::traffic::{Described, describe, wire};
+
+/// Frames whose details the page can ask for, and that it can be told of at once.
+const KEPT: usize = 4096;
+/// Frames of the log: at least 20 seconds of a full bus.
+const LOGGED: usize = 200_000;
+/// The load is measured over this time.
+const LOAD_WINDOW: Duration = Duration::from_millis(250);
+
+/// A frame that the page has been told of.
+struct Shown {
+    number: u64,
+    record: Record,
+    from: String,
+    text: String,
+    dialect: Dialect,
+}
+
+/// The frames of a bus.
+pub struct Frames {
+    bit_rate: u32,
+    observer: Observer,
+    kept: VecDeque<Shown>,
+    logged: VecDeque<Record>,
+    events: VecDeque<Json>,
+    count: u64,
+    /// End of the last frame.
+    end: Cycles,
+    /// Load of the bus, 0 to 1.
+    load: f64,
+    /// Start of the present window, and bits of its frames.
+    window: (Duration, u64),
+}
+
+impl Frames {
+    /// No frames.
+    pub fn new(bit_rate: u32) -> Frames {
+        Frames {
+            bit_rate,
+            observer: Observer::new(),
+            kept: VecDeque::new(),
+            logged: VecDeque::new(),
+            events: VecDeque::new(),
+            count: 0,
+            end: 0,
+            load: 0.0,
+            window: (Duration::ZERO, 0),
+        }
+    }
+
+    /// Adds frames that arrived together, one after the other up to `at`. `own` sent them; without,
+    /// their identifiers say who. Returns the transfers that they complete.
+    pub fn add(&mut self, frames: &[Frame], own: Option<&str>, at: Duration) -> Vec<Decoded> {
+        if frames.is_empty() {
+            return Vec::new();
+        }
+        let bits: Vec<u64> = frames.iter().map(|frame| frame.bit_count().into()).collect();
+        let total: u64 = bits.iter().sum();
+        self.window.1 += total;
+        let cycles = |bits: u64| bits * F_CPU_HZ / u64::from(self.bit_rate);
+        // An adapter can tell more frames than the bus carries; time goes on nevertheless.
+        let at = cycles_at(at).max(self.end);
+        let room = at - self.end;
+        let needed = cycles(total).max(1);
+        let scaled = |bits: u64| cycles(bits) * room.min(needed) / needed;
+        let mut start = at - scaled(total);
+        let mut completed = Vec::new();
+        let lengths: Vec<Cycles> = bits.iter().map(|bits| scaled(*bits)).collect();
+        for ((frame, bits), length) in frames.iter().zip(bits).zip(lengths) {
+            let end = (start + length).min(at);
+            let kind = RecordKind::Frame { frame: *frame, from: None, acked: true };
+            let record = Record { start, end, bits: bits as u32, kind };
+            completed.extend(self.push(frame, record, own));
+            start = end;
+        }
+        self.end = at;
+        completed
+    }
+
+    fn push(&mut self, frame: &Frame, record: Record, own: Option<&str>) -> Option<Decoded> {
+        let number = self.count;
+        self.count += 1;
+        let Described { text, kind, name, decoded } =
+            describe(&mut self.observer, frame, elapsed(record.end));
+        let from = own.map_or_else(|| sender(frame, decoded.as_ref()), String::from);
+        self.events.push_back(json!({
+            "kind": "frame", "number": number, "frame": kind, "from": from, "text": text,
+            "name": name, "start": seconds(record.start), "end": seconds(record.end),
+        }));
+        let dialect = decoded.as_ref().map(Decoded::dialect).unwrap_or_default();
+        self.kept.push_back(Shown { number, record, from, text, dialect });
+        self.logged.push_back(record);
+        limit(&mut self.events, KEPT);
+        limit(&mut self.kept, KEPT);
+        limit(&mut self.logged, LOGGED);
+        decoded
+    }
+
+    /// Measures the load.
+    pub fn poll(&mut self, now: Duration) {
+        let (since, bits) = self.window;
+        let time = now.saturating_sub(since);
+        if time >= LOAD_WINDOW {
+            self.load = bits as f64 / (time.as_secs_f64() * f64::from(self.bit_rate));
+            self.window = (now, 0);
+        }
+    }
+
+    /// Load of the bus, 0 to 1.
+    pub fn load(&self) -> f64 {
+        self.load
+    }
+
+    /// Number of frames in the log.
+    pub fn logged(&self) -> usize {
+        self.logged.len()
+    }
+
+    /// The log.
+    pub fn log(&self, format: Format) -> Vec<u8> {
+        let (mut log, mut bytes) = BusLog::new(format);
+        for record in &self.logged {
+            log.add(record, &mut bytes);
+        }
+        bytes
+    }
+
+    /// Removes and returns the events since the last call, at most the last [`KEPT`].
+    pub fn take_events(&mut self) -> Json {
+        self.events.drain(..).collect()
+    }
+
+    /// The details of a frame, a JSON object.
+    ///
+    /// # Errors
+    /// If the frame is too old.
+    pub fn details(&self, number: u64) -> Result<Json> {
+        let shown = self
+            .kept
+            .iter()
+            .find(|shown| shown.number == number)
+            .context("the frame is too old")?;
+        let wire = match &shown.record.kind {
+            // The log has a place for the acknowledgement; SLCAN tells none.
+            RecordKind::Frame { frame, .. } => wire(frame, Ack::Unknown, shown.dialect),
+            RecordKind::ErrorFrame { .. } => Json::Null,
+        };
+        Ok(json!({
+            "number": number,
+            "from": shown.from,
+            "text": shown.text,
+            "time": format!("{:.3} s", seconds(shown.record.end)),
+            "count": shown.record.bits,
+            "length_us": f64::from(shown.record.bits) * 1e6 / f64::from(self.bit_rate),
+            "wire": wire,
+        }))
+    }
+}
+
+/// Who sent a frame, in words.
+fn sender(frame: &Frame, decoded: Option<&Decoded>) -> String {
+    let source = match (decoded, frame.id) {
+        (Some(decoded), _) => decoded.source(),
+        (None, Id::Extended(id)) => CanId::parse(id).and_then(|id| id.source()),
+        (None, Id::Standard(_)) => None,
+    };
+    source.map_or_else(|| String::from("-"), |node| format!("node {node}"))
+}
+
+/// Removes the oldest beyond `max`.
+fn limit<T>(queue: &mut VecDeque<T>, max: usize) {
+    if queue.len() > max {
+        queue.pop_front();
+    }
+}
+
+fn cycles_at(time: Duration) -> Cycles {
+    (time.as_nanos() * u128::from(F_CPU_HZ) / 1_000_000_000) as Cycles
+}
+
+fn seconds(cycles: Cycles) -> f64 {
+    cycles as f64 / F_CPU_HZ as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ms(milliseconds: u64) -> Duration {
+        Duration::from_millis(milliseconds)
+    }
+
+    fn status(node: u32) -> Frame {
+        Frame::extended(20 << 24 | 341 << 8 | node, &[0, 0, 0, 0, 0, 0, 0, 0xC0])
+    }
+
+    #[test]
+    fn frames_that_arrive_together_follow_each_other_up_to_their_arrival() {
+        let mut frames = Frames::new(1_000_000);
+        assert_eq!(frames.add(&[status(1), status(2)], None, ms(10)).len(), 2);
+        let events = frames.take_events();
+        let time = |index: usize, what: &str| events[index][what].as_f64().unwrap();
+        assert_eq!(time(1, "end"), 0.01);
+        assert_eq!(time(0, "end"), time(1, "start"));
+        assert!(time(0, "start") > 0.0096, "{events}");
+        assert_eq!(
+            (&events[0]["from"], &events[0]["frame"]),
+            (&json!("node 1"), &json!("transfer"))
+        );
+        assert_eq!(frames.take_events(), json!([]));
+    }
+
+    #[test]
+    fn the_load_is_that_of_the_bits_and_ends_with_the_frames() {
+        let mut frames = Frames::new(1_000_000);
+        for millisecond in 0..250 {
+            frames.add(&[status(1)], None, ms(millisecond));
+        }
+        frames.poll(ms(250));
+        assert!((0.12..0.16).contains(&frames.load()), "{}", frames.load());
+        frames.poll(ms(500));
+        assert_eq!(frames.load(), 0.0);
+    }
+
+    /// Ten thousand frames a second for 21 seconds, more than a bus carries, told in bursts.
+    #[test]
+    fn a_flood_uses_limited_memory_and_the_times_stay_in_order() {
+        let mut frames = Frames::new(1_000_000);
+        let burst = vec![Frame::extended(1, &[0xFF; 8]); 100];
+        for burst_number in 1..=2100 {
+            frames.add(&burst, None, ms(10 * burst_number));
+        }
+        assert_eq!((frames.kept.len(), frames.events.len()), (KEPT, KEPT));
+        assert_eq!(frames.logged(), LOGGED);
+        let times: Vec<_> = frames.logged.iter().map(|frame| (frame.start, frame.end)).collect();
+        assert!(times.is_sorted() && times.iter().all(|(start, end)| start <= end));
+        assert_eq!(frames.end, cycles_at(ms(21_000)));
+        assert!(frames.details(0).is_err());
+        assert!(frames.details(209_999).is_ok());
+    }
+
+    /// SLCAN tells neither the ACK slot nor when a frame was on the bus: the page shows the time of
+    /// arrival, and the length of the bits, also of frames that arrive faster than a bus can.
+    #[test]
+    fn the_details_have_no_acknowledgement_and_no_time_that_the_adapter_has_not_told() {
+        let mut frames = Frames::new(500_000);
+        frames.add(&[status(1); 20], None, ms(1));
+        let details = frames.details(19).unwrap();
+        assert_eq!(details["time"], "0.001 s");
+        let bits = details["count"].as_f64().unwrap();
+        assert_eq!(details["length_us"].as_f64(), Some(2.0 * bits));
+        let fields = details["wire"]["fields"].as_array().unwrap();
+        let ack = fields.iter().position(|field| field == &json!(["ACK", "not known"])).unwrap();
+        let bits = details["wire"]["bits"].as_array().unwrap();
+        let unknown: Vec<_> = bits.iter().filter(|bit| bit[0].is_null()).collect();
+        assert_eq!(unknown, [&json!([null, 0, ack])]);
+    }
+
+    #[test]
+    fn the_log_is_what_candump_writes() {
+        let mut frames = Frames::new(1_000_000);
+        frames.add(&[status(1)], None, ms(1500));
+        let log = String::from_utf8(frames.log(Format::Candump)).unwrap();
+        assert!(
+            log.starts_with("(1.499") && log.ends_with(" can0 14015501#00000000000000C0\n"),
+            "{log}"
+        );
+    }
+}

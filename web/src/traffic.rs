@@ -1,0 +1,93 @@
+//! What the page shows of a frame, on the simulated bus as on the real one.
+
+use std::time::Duration;
+
+use bench::can::{Frame, Id};
+use bench::dronecan::text::visible;
+use bench::dronecan::{CanId, DataType, Decoded, Dialect, Observation, Observer};
+use serde_json::{Value as Json, json};
+
+use crate::bits::{Ack, Bits};
+use crate::meaning::meaning;
+
+/// Longest text of a frame, in characters: that of a transfer of 70 bytes that is not decoded.
+const TEXT_MAX: usize = 240;
+
+/// A frame in words.
+pub struct Described {
+    pub text: String,
+    /// `transfer`, `part` of one, or `foreign`.
+    pub kind: &'static str,
+    /// Name of the data type.
+    pub name: Option<String>,
+    /// The transfer that the frame completes.
+    pub decoded: Option<Decoded>,
+}
+
+/// Describes the next frame of a bus, which ended at `at`.
+pub fn describe(observer: &mut Observer, frame: &Frame, at: Duration) -> Described {
+    let foreign = |why: &str| Described {
+        text: format!("{frame} (not DroneCAN: {why})"),
+        kind: "foreign",
+        name: None,
+        decoded: None,
+    };
+    let id = match frame.id {
+        Id::Standard(_) => return foreign("11-bit identifier"),
+        Id::Extended(_) if frame.remote => return foreign("remote frame"),
+        Id::Extended(id) => id,
+    };
+    match observer.push(id, frame.data(), at) {
+        Observation::Complete(decoded) => Described {
+            text: shown(&format!("{}: {decoded}", decoded.endpoints()), TEXT_MAX),
+            kind: "transfer",
+            name: Some(decoded.name()),
+            decoded: Some(decoded),
+        },
+        Observation::Partial => {
+            let name = CanId::parse(id)
+                .and_then(DataType::of)
+                .map_or_else(|| String::from("?"), |known| known.name.to_owned());
+            Described { text: format!("{name}, a part"), kind: "part", name: None, decoded: None }
+        }
+        Observation::Invalid(why) => foreign(why),
+    }
+}
+
+/// A text of unknown origin as the page shows it: its control characters visible, and cut.
+pub fn shown(text: &str, max: usize) -> String {
+    let text = visible(text);
+    match text.char_indices().nth(max) {
+        Some((end, _)) => format!("{}…", &text[..end]),
+        None => text.into_owned(),
+    }
+}
+
+/// The bits of a frame, its fields, and what they mean, a JSON object.
+pub fn wire(frame: &Frame, acknowledgement: Ack, dialect: Dialect) -> Json {
+    let Bits { fields, bits } = Bits::of(frame, acknowledgement);
+    let meaning = match dialect {
+        Dialect::V0 => meaning(frame),
+        Dialect::Draft => Vec::new(),
+    };
+    json!({
+        "frame": frame.to_string(),
+        "meaning": meaning,
+        "fields": fields,
+        "bits": bits.iter().map(|bit| {
+            json!([bit.level.map(u8::from), u8::from(bit.is_stuff), bit.field])
+        }).collect::<Json>(),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_text_of_unknown_origin_is_cut_and_has_no_control_characters() {
+        assert_eq!(shown("\u{1b}[2Jnode", 80), "\\x1b[2Jnode");
+        assert_eq!(shown("ßßßß", 3), "ßßß…");
+        assert_eq!(shown("ßßß", 3), "ßßß");
+    }
+}

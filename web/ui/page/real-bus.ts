@@ -1,0 +1,402 @@
+// The view "Real bus": an SLCAN adapter on a port, and what web/src/bus.rs makes of its bytes.
+
+import { RealBus } from "pkg/web.js";
+import boards from "boards.json";
+import { Detail } from "./detail";
+import { byId, download, make, setText } from "./dom";
+import { Parameters } from "./parameters";
+import { type Port, PortError, choosePort, whyNoPorts } from "./ports";
+import { type Lane, Timeline } from "./timeline";
+import type { BusNode, BusSnapshot, BusUpdate, FrameEvent } from "./types";
+
+const OWNER = "Real bus";
+const PREFIX = "can-";
+/** Rates of SLCAN, the most usual first. */
+const BIT_RATES = [1000, 500, 250, 125, 800, 100, 50, 20, 10];
+/** Only adapters with a UART have a baud rate that matters. */
+const BAUDS = [115_200, 230_400, 460_800, 921_600, 1_000_000, 2_000_000, 3_000_000, 57_600];
+/** Longest wait of one read, so that what is due is sent in time. */
+const READ_MS = 20;
+/** Real time between two pictures. */
+const DRAW_MS = 60;
+/** A node that was silent for so long is shown as gone. */
+const GONE_S = 3;
+const IDLE = "Plug the adapter in, and press Connect.";
+/** After so long each node must have been heard. */
+const SILENT_S = 5;
+const SILENT = "Nothing was heard. Is the bit rate right, and has the bus 120 ohms at both ends?";
+/** CANables ignore the command, and give no answer to any. */
+const CANNOT_LISTEN = ' Some adapters cannot listen only: "Ask for names" opens this one to send, too.';
+/** Lanes of the time line besides those of this page and of all others. */
+const NODE_LANES = 4;
+
+/** Programs that can be updated again. */
+const UPDATABLE = ["full", "remote"];
+
+interface NodeRow {
+  row: HTMLTableRowElement;
+  choose: HTMLButtonElement;
+  cells: HTMLElement[];
+}
+
+interface UpdateRow {
+  element: HTMLElement;
+  text: HTMLElement;
+  bar: HTMLProgressElement;
+  stop: HTMLButtonElement;
+}
+
+function duration(seconds: number) {
+  const parts = [Math.floor(seconds / 3600), Math.floor(seconds / 60) % 60, seconds % 60];
+  return parts.map((part) => String(part).padStart(2, "0")).join(":");
+}
+
+export class RealBusView {
+  private readonly view = byId("view-bus");
+  private readonly bus = new RealBus();
+  private readonly detail = new Detail(PREFIX);
+  private readonly timeline = new Timeline(PREFIX, [], null, (number) => this.showFrame(number));
+  private readonly parameters = new Parameters(PREFIX, (name, text) => this.bus.set_parameter(name, text));
+  private readonly nodes = new Map<number, NodeRow>();
+  private readonly updates = new Map<number, UpdateRow>();
+  private readonly bitRate = byId<HTMLSelectElement>("can-rate");
+  private readonly baud = byId<HTMLSelectElement>("can-baud");
+  private port: Port | null = null;
+  /** True while an adapter is being opened, or is in use. */
+  private isConnected = false;
+  private begun = 0;
+  private drawnAt = 0;
+  private chosen: BusNode | null = null;
+  private problems = "";
+  /** What the adapter is told at the end. */
+  private farewell: Uint8Array | null = null;
+
+  constructor() {
+    this.bitRate.append(...BIT_RATES.map((rate) => new Option(`${rate} kbit/s`, String(rate * 1000))));
+    this.baud.append(...BAUDS.map((rate) => new Option(`${rate} baud`, String(rate))));
+    this.listen();
+    const why = whyNoPorts();
+    this.say(why ?? IDLE, why !== null);
+    byId<HTMLButtonElement>("can-connect").disabled = why !== null;
+    this.show(this.snapshot());
+  }
+
+  /** Draws what is new while the view is on the screen. */
+  draw(time: number) {
+    if (!this.view.hidden && time - this.drawnAt >= DRAW_MS) {
+      this.drawnAt = time;
+      this.show(this.snapshot());
+    }
+  }
+
+  private now() {
+    return performance.now() - this.begun;
+  }
+
+  private snapshot(): BusSnapshot {
+    return JSON.parse(this.bus.snapshot(this.now()));
+  }
+
+  private say(text: string, isError = false) {
+    const status = byId("can-status");
+    setText(status, text);
+    status.classList.toggle("wrong", isError);
+  }
+
+  // ---- the adapter ----
+
+  private async connect() {
+    const port = this.port ?? (await choosePort());
+    if (port === null) {
+      this.say("No port was chosen. An adapter that is not in the list needs the driver of its USB chip.", true);
+      return;
+    }
+    await port.open(Number(this.baud.value), OWNER);
+    this.port = port;
+    this.begun = performance.now();
+    this.bus.connect(Number(this.bitRate.value));
+    this.forget();
+    this.isConnected = true;
+    this.farewell = null;
+    void this.run(port);
+  }
+
+  /** Carries bytes between the port and the bus until one of them ends. */
+  private async run(port: Port) {
+    try {
+      while (this.bus.is_connected()) {
+        this.bus.receive(await port.read(READ_MS), this.now());
+        await this.write(port);
+      }
+      if (this.farewell) {
+        await port.write(this.farewell);
+      }
+    } catch (error) {
+      this.bus.close(error instanceof Error ? error.message : String(error));
+      if (error instanceof PortError && ["unplugged", "unusable"].includes(error.trouble)) {
+        this.port = null;
+      }
+    }
+    await port.close();
+    this.isConnected = false;
+    this.say(IDLE);
+    this.show(this.snapshot());
+  }
+
+  private async write(port: Port) {
+    for (let bytes = this.bus.take_output(); bytes.length > 0; bytes = this.bus.take_output()) {
+      await port.write(bytes);
+      this.bus.poll(this.now());
+    }
+  }
+
+  private forget() {
+    this.timeline.clear();
+    this.detail.hide();
+    this.parameters.clear();
+    this.nodes.clear();
+    byId("can-nodes").replaceChildren();
+    this.chosen = null;
+  }
+
+  // ---- what it shows ----
+
+  private show(snapshot: BusSnapshot) {
+    for (const event of JSON.parse(this.bus.take_events()) as FrameEvent[]) {
+      this.timeline.add(event);
+    }
+    this.timeline.lanes = this.lanes(snapshot);
+    this.timeline.draw(snapshot.now);
+    this.showState(snapshot);
+    this.showNodes(snapshot.nodes);
+    this.showChosen(snapshot);
+    this.showUpdates(snapshot.updates);
+  }
+
+  private lanes({ nodes }: BusSnapshot): Lane[] {
+    const ids = nodes.slice(0, NODE_LANES).map(({ id }) => id);
+    return [
+      { name: "this page", colour: "tool" },
+      ...ids.map((id) => ({ name: `node ${id}`, colour: "node" })),
+      { name: "others", colour: "other" },
+    ];
+  }
+
+  private showState(snapshot: BusSnapshot) {
+    const { state, trouble, own_id, listens_first, bit_rate, load } = snapshot;
+    const rate = bit_rate / 1000;
+    setText(byId("can-connect"), this.isConnected ? "Disconnect" : "Connect");
+    this.bitRate.disabled = this.baud.disabled = this.isConnected;
+    setText(byId("can-load"), state === "open" ? `${(load * 100).toFixed(1)} % of ${rate} kbit/s` : "");
+    const counters: [number, string][] = [
+      [snapshot.received, "frames received"],
+      [snapshot.sent, "sent"],
+      [snapshot.dropped, "not sent: the adapter takes too few"],
+      [snapshot.echoed, "returned by the adapter and ignored"],
+      [snapshot.invalid, "lines of the adapter that are not SLCAN: is the baud rate right?"],
+      [this.port?.losses.dropped ?? 0, "bytes lost: this machine is too slow"],
+    ];
+    const counted = counters.filter(([count], index) => count > 0 || index < 2);
+    setText(byId("can-counters"), counted.map(([count, what]) => `${count} ${what}`).join(", "));
+    const names = byId<HTMLButtonElement>("can-names");
+    names.disabled = state !== "open" || own_id !== null;
+    for (const id of ["can-candump", "can-pcap"]) {
+      byId<HTMLButtonElement>(id).disabled = snapshot.logged === 0;
+    }
+    if (trouble) {
+      this.say(trouble, true);
+    } else if (state === "opening") {
+      this.say("Opening the adapter.");
+    } else if (state === "open" && own_id !== null) {
+      this.say(`This page is node ${own_id} on the bus.`);
+    } else if (state === "open" && listens_first) {
+      this.say("Listening, to take a node ID that no node has.");
+    } else if (state === "open" && snapshot.received === 0 && snapshot.now > SILENT_S) {
+      this.say(`${SILENT}${snapshot.only_listens ? CANNOT_LISTEN : ""}`);
+    } else if (state === "open") {
+      this.say("The page listens, and sends nothing until you ask for something.");
+    }
+  }
+
+  private showNodes(nodes: BusNode[]) {
+    for (const node of nodes) {
+      const { cells, row } = this.nodes.get(node.id) ?? this.addNode(node.id);
+      const isGone = node.silent_s > GONE_S;
+      const version = node.software === null ? "" : `${node.software} on ${node.hardware}`;
+      const name = node.name === null ? "" : node.name || "bootloader, or no name";
+      const heard = isGone ? `${node.silent_s.toFixed(0)} s ago` : "now";
+      const texts = [name, node.health, node.mode, duration(node.uptime_s), version, heard];
+      texts.forEach((text, index) => setText(cells[index], text));
+      cells[1].className = isGone ? "badge" : `badge ${node.health}`;
+      const code = `vendor-specific status 0x${node.vendor_code.toString(16).padStart(4, "0")}`;
+      row.title = [...node.conditions, code, node.unique_id ? `unique ID ${node.unique_id}` : ""].join("\n").trim();
+    }
+    byId("can-no-nodes").hidden = nodes.length > 0;
+  }
+
+  private addNode(id: number): NodeRow {
+    const choose = make("button", { type: "button", textContent: String(id) });
+    choose.setAttribute("aria-label", `Node ${id}`);
+    choose.addEventListener("click", () => {
+      this.bus.choose(id);
+      this.parameters.clear();
+    });
+    const health = make("span", { className: "badge" });
+    const cells = [make("td"), health, make("td"), make("td"), make("td"), make("td")];
+    const [name, , ...rest] = cells;
+    const row = make("tr", {}, make("th", { scope: "row" }, choose), name, make("td", {}, health), ...rest);
+    const after = [...this.nodes.keys()].filter((known) => known > id).sort((a, b) => a - b)[0];
+    byId("can-nodes").insertBefore(row, this.nodes.get(after)?.row ?? null);
+    const entry = { row, choose, cells };
+    this.nodes.set(id, entry);
+    return entry;
+  }
+
+  private showChosen({ state, chosen, nodes, client, updates }: BusSnapshot) {
+    this.chosen = nodes.find(({ id }) => id === chosen) ?? null;
+    for (const [id, { choose }] of this.nodes) {
+      choose.setAttribute("aria-pressed", String(id === chosen));
+    }
+    const { chosen: node } = this;
+    setText(byId("can-parameters-title"), node ? `Parameters of node ${node.id}` : "Parameters");
+    const about = node?.conditions.length ? `: ${node.conditions.join(", ")}` : "";
+    setText(byId("can-chosen"), node ? `Node ${node.id} ${node.name ?? ""}${about}` : "Choose a node in the table.");
+    const isUsable = state === "open" && node !== null && node.dialect === "v0";
+    for (const id of ["can-read", "can-save", "can-erase", "can-restart"]) {
+      byId<HTMLButtonElement>(id).disabled = !isUsable;
+    }
+    const isUpdated = updates.some((update) => update.node === chosen && update.runs);
+    byId<HTMLInputElement>("can-file").disabled = !isUsable || isUpdated;
+    byId<HTMLButtonElement>("can-own").disabled = !isUsable || isUpdated;
+    const isBusy = client?.busy ?? false;
+    byId<HTMLInputElement>("can-from-file").disabled = !isUsable || isBusy;
+    byId<HTMLButtonElement>("can-to-file").disabled = isBusy || !client?.parameters.length;
+    this.showProblems(client?.problems ?? []);
+    if (client) {
+      this.parameters.show(client, node?.is_ours ?? false);
+    }
+  }
+
+  /** What of a file the node has not. */
+  private showProblems(problems: string[]) {
+    const shown = problems.join("\n");
+    if (shown !== this.problems) {
+      this.problems = shown;
+      byId("can-problems").replaceChildren(...problems.map((textContent) => make("li", { textContent })));
+    }
+  }
+
+  private showUpdates(updates: BusUpdate[]) {
+    for (const { node, runs, text, is_updated, sent = 0, total = 0 } of updates) {
+      const row = this.updates.get(node) ?? this.addUpdate(node);
+      const outcome = runs ? "" : is_updated ? "updated: " : "NOT updated: ";
+      const progress = runs && total > 0 ? `, ${sent} of ${total} bytes` : "";
+      setText(row.text, `Node ${node}: ${outcome}${text}${progress}`);
+      row.element.classList.toggle("wrong", !runs && !is_updated);
+      row.bar.hidden = row.stop.hidden = !runs;
+      row.bar.value = total > 0 ? sent / total : 0;
+    }
+  }
+
+  private addUpdate(node: number): UpdateRow {
+    const text = make("p", { role: "status" });
+    const bar = make("progress", { max: 1 });
+    bar.setAttribute("aria-label", `Progress of node ${node}`);
+    const stop = make("button", { type: "button", textContent: "Stop" });
+    stop.setAttribute("aria-label", `Stop the update of node ${node}`);
+    stop.addEventListener("click", () => this.bus.stop_update(node, this.now()));
+    const element = make("div", { className: "update" }, text, bar, stop);
+    byId("can-updates").append(element);
+    const row = { element, text, bar, stop };
+    this.updates.set(node, row);
+    return row;
+  }
+
+  private showFrame(number: number) {
+    try {
+      this.detail.show(JSON.parse(this.bus.frame(number)));
+    } catch {
+      // It is too old.
+      this.detail.hide();
+    }
+  }
+
+  // ---- what the user asks for ----
+
+  private update(node: BusNode, name: string, bytes: Uint8Array) {
+    try {
+      this.bus.update(node.id, bytes, this.now());
+    } catch (error) {
+      setText(byId("can-client"), `${name}: ${String(error)}`);
+    }
+  }
+
+  /** Updates the chosen node with the page's own program for its hardware. */
+  private async updateToOwn() {
+    const { chosen: node } = this;
+    if (node?.hardware === null) {
+      this.bus.ask_names();
+      setText(byId("can-client"), "The page asks the node what it is. Press again when its version is in the table.");
+    } else if (node) {
+      const known = Object.entries(boards.files).filter(([key]) => UPDATABLE.includes(key.split(" ")[2]));
+      for (const name of new Set(known.map(([, name]) => name))) {
+        const answer = await fetch(`files/${name}`);
+        const bytes = new Uint8Array(await answer.arrayBuffer());
+        if (answer.ok && this.bus.suits(node.id, bytes)) {
+          this.update(node, name, bytes);
+          return;
+        }
+      }
+      setText(byId("can-client"), `The page has no program for node ${node.id} with hardware ${node.hardware}.`);
+    }
+  }
+
+  private listen() {
+    const click = (id: string, act: () => void) => byId(id).addEventListener("click", act);
+    click("can-connect", () => {
+      if (this.isConnected) {
+        this.farewell = this.bus.disconnect();
+      } else {
+        this.connect().catch((error) => this.say(error instanceof Error ? error.message : String(error), true));
+      }
+    });
+    click("can-other", () => {
+      this.port = null;
+      byId("can-connect").click();
+    });
+    click("can-names", () => this.bus.ask_names());
+    click("can-read", () => {
+      this.parameters.clear();
+      this.bus.read_parameters();
+    });
+    click("can-save", () => this.bus.save_parameters());
+    click("can-erase", () => this.bus.erase_parameters());
+    click("can-restart", () => this.bus.restart());
+    click("can-to-file", () => download(`node-${this.chosen?.id}.parm`, this.bus.parameter_file()));
+    click("can-candump", () => download("bus.log", this.bus.candump() as BlobPart));
+    click("can-pcap", () => download("bus.pcap", this.bus.pcap() as BlobPart));
+    click("can-own", () => {
+      this.updateToOwn().catch(() => setText(byId("can-client"), "The page's server does not give its programs."));
+    });
+    const from = byId<HTMLInputElement>("can-from-file");
+    from.addEventListener("change", () => {
+      void from.files?.[0]?.text().then((text) => {
+        try {
+          this.bus.load_parameters(text);
+        } catch (error) {
+          setText(byId("can-client"), `Nothing was set: ${String(error)}.`);
+        }
+      });
+      from.value = "";
+    });
+    const input = byId<HTMLInputElement>("can-file");
+    input.addEventListener("change", () => {
+      const file = input.files?.[0];
+      const { chosen: node } = this;
+      if (file && node) {
+        void file.arrayBuffer().then((buffer) => this.update(node, file.name, new Uint8Array(buffer)));
+      }
+      input.value = "";
+    });
+  }
+}
