@@ -192,8 +192,13 @@ impl Own {
         self.pc.set(core.pc());
     }
 
-    /// Goes to the word after the one at a byte address, in a cycle.
+    /// Goes to the word after the one at a byte address, in a cycle; behind the last word of the
+    /// flash the program has crashed.
     pub fn pass_word(&self, address: u32) {
+        if address as usize + 2 >= self.flash.len() {
+            self.set_activity(Activity::Crashed);
+            return;
+        }
         self.set_pc(address + 2);
         self.now.set(self.now.get() + 1);
     }

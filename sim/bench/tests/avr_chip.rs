@@ -41,6 +41,15 @@ fn a_program_behind_erased_flash_is_reached() {
 }
 
 #[test]
+fn a_program_that_runs_over_the_end_of_erased_flash_has_crashed() {
+    let mut avr = blank(Chip::Atmega168);
+    assert_eq!(avr.run_until(MS / 4), State::Running);
+    assert!(matches!(avr.run_until(10 * MS), State::Crashed(0x3FFE..=0x4000)), "{:?}", avr.state());
+    avr.reset(ResetCause::External);
+    assert_eq!(avr.run_until(10 * MS + MS / 4), State::Running);
+}
+
+#[test]
 fn a_run_ends_within_an_instruction_of_its_time() {
     let mut avr = program("spin", &[]);
     for step in 1..20_000 {

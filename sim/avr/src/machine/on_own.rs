@@ -19,7 +19,8 @@ const LEVELS: [(u16, u8); 4] = [
 ];
 
 /// Erased flash. The manual has no such instruction; the chip takes it for `SBRS r31, 7`, and comes
-/// to what is behind it, such as a bootloader.
+/// to what is behind it, such as a bootloader. Behind the last word the chip would begin at 0
+/// again, which no program means: here it has crashed, so that somebody is told.
 const ERASED: u16 = 0xFFFF;
 
 impl Machine {
