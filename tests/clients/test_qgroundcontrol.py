@@ -98,8 +98,8 @@ def test_the_parameters_of_the_nodes_are_components_of_the_vehicle(many_nodes, b
     # The vehicle is ready with the autopilot's own parameters, and accepts those that follow. It
     # requests no parameter one by one.
     qgc.load()
-    qgc.spin(2)
-    assert qgc.is_loaded() and not qgc.tries
+    qgc.spin_until(lambda: len(qgc.facts) == 3 and qgc.is_loaded(), "parameters of the nodes")
+    assert not qgc.tries
     assert {component: len(facts) for component, facts in qgc.facts.items()} == {
         1: 2,
         42: 20,
