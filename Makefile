@@ -25,7 +25,7 @@ TOOLS := $(TARGET_DIR)/tools
 
 # The words of users, and of tests. Make ignores a misspelt one: it would build for another board.
 WORDS := BOARD SHIELD CS INT CRYSTAL FEATURES PORT ARGS PREFIX NODE BUS FILE PROGRAMMER STOCK WEB_PORT HOURS \
-	SEED TIME MINUTES WHY ONLY FUZZ_SEED CROSS_SECONDS CROSS_SEED CROSS_BROWSER
+	SEED TIME PROCESSOR MINUTES WHY ONLY FUZZ_SEED CROSS_SECONDS CROSS_SEED CROSS_BROWSER
 OTHER_WORDS := PROGRAMS PRESETS SHIPPED ON_UNO TEST_FILES TEST_OPTIONS CLIENTS FUZZED WEB_TESTS CHROMIUM CARGO_% FUZZ_% JUDGE_% NODE_%
 $(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(if \
 	$(filter $(WORDS) $(OTHER_WORDS),$(name)),,$(error $(name)= is wrong. make has the words $(WORDS)))))
@@ -185,6 +185,8 @@ stable: ## the published crates with a stable Rust and the oldest that they prom
 PRESETS := default full thesis escs,masks,relay,rpm,tunnel,values
 # The board of the tests.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
+# The processor of what runs for hours, on which the tests on boards run, too: PROCESSOR=simavr for the other.
+ON_CORE := NODE_PROCESSOR='$(or $(PROCESSOR),own)'
 test-library:
 	@set -e; for features in $(PRESETS); do \
 		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; \
@@ -283,7 +285,7 @@ cross-check: web-page setup-simavr ## the firmware on avr8js, on simavr and on a
 judge: setup-test ## what "make bounds" proves of random programs, against runs of them: half an hour  (SEED=7)
 	JUDGE_SECONDS=1800 JUDGE_SEED=$(or $(SEED),$$(date +%s)) cargo test -p tests -p bridge --test judge -- --nocapture
 fuzz: setup-simavr firmware ## a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)
-	FUZZ_FRAMES=1000000 $(BOARD_TESTS) fuzz:: --nocapture
+	$(ON_CORE) FUZZ_FRAMES=1000000 $(BOARD_TESTS) fuzz:: --nocapture
 # New inputs stay in the target directory; tests/fuzz/corpus is only read.
 FUZZED := node commanders eeprom host sim bridge
 fuzz-coverage: $(TOOLS)/bin/cargo-fuzz ## the parsers in libFuzzer, a minute each  (TIME=900)
@@ -293,7 +295,7 @@ fuzz-coverage: $(TOOLS)/bin/cargo-fuzz ## the parsers in libFuzzer, a minute eac
 			$$found tests/fuzz/corpus/$$target -- -max_total_time=$(or $(TIME),60) -max_len=2048 -timeout=20 -print_final_stats=1; \
 	done
 soak: setup-simavr firmware boot ## a node with random faults for an hour  (HOURS=4, SEED=7 for other faults; Ctrl-C ends it with a summary)
-	SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
+	$(ON_CORE) SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
 # All features, or what is not compiled would survive. .cargo/mutants.toml leaves out slow tests.
 MUTANTS = $(TOOLS)/bin/cargo-mutants mutants --jobs 2 --timeout 60 --build-timeout 100
 mutants: $(TOOLS)/bin/cargo-mutants ## put mistakes into the sources that the unit tests must notice: hours
@@ -303,7 +305,7 @@ elf-mutants: setup-test ## put mistakes into the firmware that the tests on simu
 	scripts/elf-mutants
 
 reliability: setup-simavr firmware ## measure the recovery from every fault, and write docs/reliability.md
-	cargo bench --profile dev --bench reliability
+	$(ON_CORE) cargo bench --profile dev --bench reliability
 bench: setup-simavr firmware third-party ## measure the firmware in cycles of the AVR, and write docs/benchmarks.md: six minutes, then losses
 	$(if $(filter-out default,$(FEATURES)),NODE_ELF=$(ELF)) cargo bench --bench timing
 	@$(SUB) losses bounds-page
@@ -311,7 +313,7 @@ shipped: setup-simavr
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware $(UNO) full escs
 losses: shipped ## count the frames lost on a full bus, ten minutes of each kind: hours  (BOARD=uno; MINUTES=0.1; WHY=1; ONLY=position)
-	$(ON_BOARD) MINUTES='$(MINUTES)' WHY='$(WHY)' ONLY='$(ONLY)' cargo bench --bench loss
+	$(ON_BOARD) $(ON_CORE) MINUTES='$(MINUTES)' WHY='$(WHY)' ONLY='$(ONLY)' cargo bench --bench loss
 bounds-page: shipped ## what "make bounds" proves, beside what the simulator observes, in docs/benchmarks.md
 	@scripts/boot
 	@scripts/boot $(UNO)

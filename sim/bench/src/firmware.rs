@@ -4,9 +4,10 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use anyhow::{Result, ensure};
+use anyhow::{Result, bail, ensure};
 
 use crate::Bench;
+use crate::avr::Engine;
 use crate::board::Board;
 use crate::can::SoftNode;
 use crate::wiring::{Wiring, preset};
@@ -50,6 +51,20 @@ pub fn chosen_board() -> Result<Wiring> {
     };
     let Wiring { board, shield, .. } = Wiring::default();
     Wiring::of(&chosen("NODE_BOARD", board), &chosen("NODE_SHIELD", shield))
+}
+
+/// What executes the programs of [`Board::programmed`]: the environment variable `NODE_PROCESSOR`,
+/// "own" or "simavr", by default the engine's own default.
+///
+/// # Errors
+/// If it has another name.
+pub fn processor() -> Result<Engine> {
+    match std::env::var("NODE_PROCESSOR").as_deref() {
+        Err(_) | Ok("") => Ok(Engine::default()),
+        Ok("own") => Ok(Engine::Own),
+        Ok("simavr") => Ok(Engine::Simavr),
+        Ok(other) => bail!("NODE_PROCESSOR is \"{other}\": use own or simavr"),
+    }
 }
 
 /// The path of the node's firmware: the environment variable `NODE_ELF`, by default the file that

@@ -6,6 +6,7 @@ use anyhow::{Context, Result};
 
 use super::Board;
 use crate::avr::{Avr, Firmware};
+use crate::firmware::processor;
 use crate::wiring::Wiring;
 
 impl Board<Avr> {
@@ -30,9 +31,9 @@ impl Board<Avr> {
     /// A board with a firmware that is read already, powered on at time 0.
     ///
     /// # Errors
-    /// If the firmware does not fit the chip, or the wiring is impossible.
+    /// If the firmware does not fit the chip, the wiring is impossible, or [`processor`] fails.
     pub fn programmed(wiring: &Wiring, firmware: &Firmware) -> Result<Board> {
-        Board::wired(Avr::programmed(wiring.chip, firmware)?, wiring)
+        Board::wired(Avr::programmed_on(processor()?, wiring.chip, firmware)?, wiring)
     }
 
     /// A board with the given AVR. The wiring is that of the AVR's program, or else the default.
