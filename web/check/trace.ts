@@ -1,7 +1,7 @@
 // Runs a scenario of the cross-check (web/src/scenario.rs) on avr8js.
 
 import { Program, cross_check, initSync } from "pkg/web.js";
-import { Processor } from "../ui/avr/processor";
+import { Processor } from "./avr/processor";
 
 /** Returns the trace of a program, given as an ELF file. */
 export function trace(

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use anyhow::{Error, Result as AnyResult, bail};
-use bench::avr::{Chip, Firmware, Processor};
+use bench::avr::{Avr, Chip, Firmware, Processor};
 use bench::bus_log::Format;
 use bench::dronecan::{NodeId, Opcode, Value};
 use bench::wires;
@@ -157,20 +157,30 @@ pub fn faults() -> String {
 
 /// A world for the page. Times are CPU cycles of 16 MHz.
 #[wasm_bindgen]
-pub struct Simulation(Page<Avr8js>);
+pub struct Simulation(Page<Avr>);
 
 #[wasm_bindgen]
 impl Simulation {
-    /// A board with a program that `avr` executes, and an autopilot.
+    /// A board with a program and this EEPROM, and an autopilot.
     ///
     /// # Errors
     /// If the wiring in the program is impossible, or there is no such autopilot.
     #[wasm_bindgen(constructor)]
-    pub fn new(program: &Program, avr: JsAvr, autopilot: &str) -> Result<Simulation, String> {
-        let processor = Avr8js::new(avr, program.chip());
-        let knows_vendor_code = program.firmware.board.is_some();
-        let (wiring, bit_rate) = (&program.wiring, program.bit_rate);
-        text(Page::new(processor, wiring, bit_rate, knows_vendor_code, autopilot)).map(Simulation)
+    pub fn new(program: &Program, eeprom: &[u8], autopilot: &str) -> Result<Simulation, String> {
+        text(Simulation::begin(program, eeprom, autopilot))
+    }
+
+    fn begin(program: &Program, eeprom: &[u8], autopilot: &str) -> AnyResult<Simulation> {
+        let Program { firmware, wiring, bit_rate, .. } = program;
+        let mut avr = Avr::programmed(wiring.chip, firmware)?;
+        avr.set_eeprom(eeprom);
+        let knows_vendor_code = firmware.board.is_some();
+        Page::new(avr, wiring, *bit_rate, knows_vendor_code, autopilot).map(Simulation)
+    }
+
+    /// The EEPROM of the board.
+    pub fn eeprom(&mut self) -> Vec<u8> {
+        self.0.world().board().avr().eeprom()
     }
 
     /// Simulated time.

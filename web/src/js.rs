@@ -1,4 +1,4 @@
-//! avr8js as the processor of a board: the class `Processor` of `ui/avr/processor.ts`.
+//! avr8js as the processor of a board: the class `Processor` of `check/avr/processor.ts`.
 //!
 //! JavaScript executes the instructions. It calls back for each byte on the SPI, each change of a
 //! watched pin, each sample of the ADC and each time-out of the watchdog. A byte on the SPI can
@@ -16,7 +16,7 @@ use wasm_bindgen::prelude::*;
 
 #[wasm_bindgen]
 extern "C" {
-    /// `Processor` of `ui/avr/processor.ts`.
+    /// `Processor` of `check/avr/processor.ts`.
     pub type JsAvr;
 
     #[wasm_bindgen(method)]

@@ -4,7 +4,6 @@ import "./app.css";
 import "uplot/dist/uPlot.min.css";
 import wasm from "binary/web_bg.wasm";
 import { Program, Simulation, choices, faults, initSync } from "pkg/web.js";
-import { Processor } from "../avr/processor";
 import { OwnBoard } from "./board";
 import { Detail } from "./detail";
 import { byId, download, make, setPressed, setText } from "./dom";
@@ -68,7 +67,6 @@ initSync({ module: wasm.slice() });
 
 class Page {
   private simulation!: Simulation;
-  private processor!: Processor;
   private snapshot!: Snapshot;
   private running = true;
   /** Real time up to which the simulation should be, less the simulated time. */
@@ -149,16 +147,13 @@ class Page {
   /** Starts a program with the EEPROM that it left; a wrong file leaves the present one running. */
   private load(choice: Choice) {
     let next: Simulation;
-    let processor: Processor;
     try {
       const program = Program.parse(choice.bytes, choice.wiring || "{}");
       if (!program.names_chip()) {
         this.askForChip(choice);
         return;
       }
-      const flash = program.flash();
-      processor = new Processor(flash, program.ram_bytes(), kept(nameOfEeprom(choice), program.eeprom()));
-      next = new Simulation(program, processor, choice.autopilot);
+      next = new Simulation(program, kept(nameOfEeprom(choice), program.eeprom()), choice.autopilot);
     } catch (error) {
       this.notice(`${choice.name} cannot run here: ${String(error)}`);
       this.showChoice();
@@ -167,7 +162,6 @@ class Page {
     this.notice("");
     this.simulation?.free();
     this.simulation = next;
-    this.processor = processor;
     this.current = choice;
     this.ownBoard.show(choice.wiring ?? null);
     this.showChoice();
@@ -203,7 +197,7 @@ class Page {
   }
 
   private reboot() {
-    keep(nameOfEeprom(this.current), encode(this.processor.eeprom()));
+    keep(nameOfEeprom(this.current), encode(this.simulation.eeprom()));
     this.load(this.current);
   }
 
@@ -276,7 +270,7 @@ class Page {
       program: this.current.name,
       pattern: byId<HTMLSelectElement>("pattern").value,
       wiring: this.current.wiring ?? "",
-      eeprom: encode(this.processor.eeprom()),
+      eeprom: encode(this.simulation.eeprom()),
       parameters: [...this.unsaved],
       faults: this.snapshot.faults,
     });
@@ -312,7 +306,7 @@ class Page {
     }
     if (time - this.keptAt >= KEEP_MS) {
       this.keptAt = time;
-      keep(nameOfEeprom(this.current), encode(this.processor.eeprom()));
+      keep(nameOfEeprom(this.current), encode(this.simulation.eeprom()));
     }
   }
 
