@@ -166,10 +166,10 @@ impl Bus {
 
     /// Applies changes of the stations' bit times.
     fn update_paces(&mut self) {
-        let now_ps = self.clock.start() * PS_PER_CYCLE;
+        let now = self.clock.start();
         let mut changed = false;
         for port in &mut self.ports {
-            changed |= port.update_pace(self.bit_ps, now_ps);
+            changed |= port.update_pace(self.bit_ps, now);
         }
         if changed {
             self.mixed = self.ports.iter().any(|port| matches!(port.pace, Pace::Own(_)));

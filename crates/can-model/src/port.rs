@@ -5,8 +5,10 @@
 //! with wrong bit timing: such a station drives when its own bits begin and samples the wire at its
 //! own sample points, and so detects and causes stuff, form and bit errors.
 
+use super::bit_clock::PS_PER_CYCLE;
 use super::station::StationRef;
 use super::wire::Level;
+use sim_base::Cycles;
 
 /// Identifies a station of a bus.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Debug, Hash)]
@@ -107,7 +109,7 @@ impl Port {
     }
 
     /// Applies a change of the station's bit time. Returns true if there was one.
-    pub fn update_pace(&mut self, bus_bit_ps: u64, now_ps: u64) -> bool {
+    pub fn update_pace(&mut self, bus_bit_ps: u64, now: Cycles) -> bool {
         let bit_time_ps = self.station.borrow().bit_time_ps();
         if bit_time_ps == self.bit_time_ps {
             return false;
@@ -121,7 +123,8 @@ impl Port {
             }
             Some(ps) => {
                 assert!(ps >= 4, "a bit time of {ps} ps");
-                Pace::Own(OwnClock { bit_ps: ps, start_ps: now_ps, latched: None })
+                let start_ps = now * PS_PER_CYCLE;
+                Pace::Own(OwnClock { bit_ps: ps, start_ps, latched: None })
             }
         };
         true

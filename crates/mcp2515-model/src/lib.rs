@@ -34,6 +34,8 @@ mod violation;
 pub use receive::{Fate, LoggedFrame};
 pub use violation::Violation;
 
+use std::cell::Cell;
+
 use can_model::{Engine, ErrorState, Level};
 use sim_base::Cycles;
 
@@ -56,6 +58,9 @@ pub enum Mode {
 #[derive(Debug)]
 pub struct Mcp2515 {
     osc_hz: u32,
+    /// CNF1 to CNF3 at the last bit, and the length of a bit with them, which the bus asks for at
+    /// each.
+    bit_ps: Cell<([u8; 3], u64)>,
     /// Stored bits. CANSTAT, TEC, REC and the read-only bits of EFLG are computed when read.
     registers: [u8; registers::SIZE],
     spi: spi::Spi,
@@ -91,6 +96,7 @@ impl Mcp2515 {
     pub fn new(osc_hz: u32) -> Mcp2515 {
         let mut chip = Mcp2515 {
             osc_hz,
+            bit_ps: Cell::default(),
             registers: std::array::from_fn(|address| registers::power_up_noise(address as u8)),
             spi: spi::Spi::default(),
             can: Engine::new(),

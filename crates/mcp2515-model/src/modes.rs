@@ -69,8 +69,14 @@ impl Mcp2515 {
     }
 
     pub(super) fn bit_timing(&self) -> BitTiming {
-        let at = |address: u8| self.registers[usize::from(address)];
-        BitTiming::decode(at(registers::CNF1), at(registers::CNF2), at(registers::CNF3))
+        let [cnf1, cnf2, cnf3] = self.cnf();
+        BitTiming::decode(cnf1, cnf2, cnf3)
+    }
+
+    /// CNF1, CNF2 and CNF3.
+    pub(super) fn cnf(&self) -> [u8; 3] {
+        [registers::CNF1, registers::CNF2, registers::CNF3]
+            .map(|address| self.registers[usize::from(address)])
     }
 
     /// A write to CANCTRL; `mask` has the bits that it may change.

@@ -77,7 +77,13 @@ impl Station for Mcp2515 {
     /// In sleep the chip monitors the bus; in configuration mode it is off.
     fn bit_time_ps(&self) -> Option<u64> {
         let off = self.mode == Mode::Configuration && self.request.is_none();
-        (!off).then(|| self.bit_timing().bit_time_ps(self.osc_hz))
+        (!off).then(|| {
+            let cnf = self.cnf();
+            if self.bit_ps.get().0 != cnf || self.bit_ps.get().1 == 0 {
+                self.bit_ps.set((cnf, self.bit_timing().bit_time_ps(self.osc_hz)));
+            }
+            self.bit_ps.get().1
+        })
     }
 
     /// A quiet chip does not count idle bits.
