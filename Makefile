@@ -278,7 +278,7 @@ test-long-web:
 test-boards: setup-build ## check that every board and CAN board of the table links
 	@scripts/firmware --every-board
 	@scripts/boot --every-board
-cross-check: web-page setup-simavr ## the firmware on avr8js, on simavr and on avr-core, compared  (CROSS_SECONDS=60, CROSS_SEED=7; CROSS_BROWSER=1)
+cross-check: web-page setup-simavr ## the firmware on simavr, on avr-core and in WebAssembly, compared  (CROSS_SECONDS=60, CROSS_SEED=7; CROSS_BROWSER=1)
 	cargo test -p web --test cross_check -- --nocapture
 	CROSS_SECONDS=$(or $(CROSS_SECONDS),9) cargo test -p web --test engines -- --nocapture
 	cargo test -p bench --test all -- --ignored opcodes::

@@ -12,7 +12,7 @@ import { join, resolve } from "node:path";
 /** The page, in bytes. */
 const LIMIT = 3_000_000;
 /** Packages of npm that the page has. */
-const LINKED = ["avr8js", "uplot"];
+const LINKED = ["uplot"];
 
 const target = resolve(process.argv[2] ?? "../target");
 const work = join(target, "web-build");
@@ -21,8 +21,6 @@ const common = {
   bundle: true,
   logLevel: "warning",
   target: "es2022",
-  // For Node.js, too: the other form of avr8js calls functions through getters.
-  mainFields: ["module", "main"],
   alias: {
     pkg: join(work, "pkg"),
     binary: join(work, "pkg"),

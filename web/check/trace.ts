@@ -1,7 +1,6 @@
-// Runs a scenario of the cross-check (web/src/scenario.rs) on avr8js.
+// Runs a scenario of the cross-check (web/src/scenario.rs) on the page's processor.
 
 import { Program, cross_check, initSync } from "pkg/web.js";
-import { Processor } from "./avr/processor";
 
 /** Returns the trace of a program, given as an ELF file. */
 export function trace(
@@ -12,7 +11,5 @@ export function trace(
   seed: number,
 ): string {
   initSync({ module: wasm });
-  const program = Program.parse(elf, "{}");
-  const processor = new Processor(program.flash(), program.ram_bytes(), program.eeprom());
-  return cross_check(program, processor, traffic, seconds, seed);
+  return cross_check(Program.parse(elf, "{}"), traffic, seconds, seed);
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use anyhow::{Error, Result as AnyResult, bail};
-use bench::avr::{Avr, Chip, Firmware, Processor};
+use bench::avr::{Avr, Chip, Firmware};
 use bench::bus_log::Format;
 use bench::dronecan::{NodeId, Opcode, Value};
 use bench::wires;
@@ -13,7 +13,6 @@ use serde_json::json;
 use wasm_bindgen::prelude::*;
 
 use crate::bus;
-use crate::js::{Avr8js, JsAvr, flash_of};
 use crate::page::{self, Page};
 use crate::program_file;
 use crate::scenario::{self, Traffic};
@@ -111,16 +110,6 @@ impl Program {
         self.wiring.chip
     }
 
-    /// The flash with the program.
-    pub fn flash(&self) -> Vec<u8> {
-        flash_of(&self.firmware, self.chip())
-    }
-
-    /// Bytes of RAM of the chip.
-    pub fn ram_bytes(&self) -> usize {
-        self.chip().ram_bytes()
-    }
-
     /// The EEPROM as the file fills it, else erased.
     pub fn eeprom(&self) -> Vec<u8> {
         let mut eeprom = vec![0xFF; self.chip().eeprom_bytes()];
@@ -131,7 +120,7 @@ impl Program {
     }
 }
 
-/// Runs a scenario of the cross-check on `avr`, and returns the trace.
+/// Runs a scenario of the cross-check, and returns the trace.
 ///
 /// # Errors
 /// If the traffic has another name than those of [`Traffic::named`], or the wiring in the program
@@ -139,14 +128,14 @@ impl Program {
 #[wasm_bindgen]
 pub fn cross_check(
     program: &Program,
-    avr: JsAvr,
     traffic: &str,
     seconds: u32,
     seed: u32,
 ) -> Result<String, String> {
     let traffic = Traffic::named(traffic).ok_or("no such traffic")?;
-    let processor = Avr8js::new(avr, program.chip());
-    text(scenario::run(processor, &program.firmware, traffic, seconds.into(), seed.into()))
+    let Program { firmware, wiring, .. } = program;
+    let avr = text(Avr::programmed(wiring.chip, firmware))?;
+    text(scenario::run(avr, firmware, traffic, seconds.into(), seed.into()))
 }
 
 /// All faults, a JSON array.

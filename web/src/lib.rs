@@ -1,12 +1,12 @@
 //! The simulated bus, board and autopilot in WebAssembly.
 //!
-//! `make cross-check` runs the firmware on avr8js in Node.js and on simavr, and compares. `make
-//! web` builds the page that runs it in a browser. The models, the decoders and the autopilot are
-//! those of the simulator `sim`; only the instructions are executed by JavaScript. The page also
-//! shows a real bus, with the crates of host/, and flashes a real board.
+//! `make web` builds the page that runs the firmware in a browser. Processor, models, decoders and
+//! autopilot are those of the simulator `sim`. `make cross-check` runs the firmware so in Node.js
+//! and natively on simavr, and compares. The page also shows a real bus, with the crates of host/,
+//! and flashes a real board.
 //!
 //! ```text
-//! api, js        what JavaScript calls, and avr8js as a processor (WebAssembly only)
+//! api            what JavaScript calls (WebAssembly only)
 //! page           what the page shows of the simulation, as JSON, and its controls
 //! bus            the same of a real bus
 //! scenario       the traffic of the cross-check
@@ -38,5 +38,3 @@ pub mod world;
 
 #[cfg(target_family = "wasm")]
 mod api;
-#[cfg(target_family = "wasm")]
-mod js;

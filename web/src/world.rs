@@ -1,8 +1,7 @@
 //! The simulated world: a board with the node's program, an autopilot, a tool and a further
 //! station on one bus.
 //!
-//! It is the same with simavr and with avr8js. The cross-check compares the two, and the web page
-//! shows the second.
+//! The web page shows it; the cross-check compares it with itself on simavr.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;

@@ -1,8 +1,9 @@
-//! Compares simavr with avr8js: the same program, board, bus and traffic on both, line by line.
+//! Compares the page's WebAssembly, whose processor is the own core, with simavr: the same program,
+//! board, bus and traffic on both, line by line.
 //!
 //! `make cross-check` builds what the test needs and runs it. `CROSS_SECONDS` is the simulated time
-//! of each program, 9 by default, and `CROSS_SEED` the seed of the traffic. avr8js runs in Node.js;
-//! with `CROSS_BROWSER` it runs in Chromium.
+//! of each program, 9 by default, and `CROSS_SEED` the seed of the traffic. The WebAssembly runs in
+//! Node.js; with `CROSS_BROWSER` in Chromium.
 
 mod trace;
 
@@ -14,8 +15,8 @@ use bench::{firmware_for, target_dir};
 use trace::{assert_equal, number};
 use web::scenario::{self, Traffic};
 
-/// The trace of avr8js, from Node.js or a browser.
-fn avr8js(elf: &PathBuf, traffic: &str, seconds: u64, seed: u64) -> impl FnOnce() -> String {
+/// The trace of the WebAssembly, from Node.js or a browser.
+fn in_webassembly(elf: &PathBuf, traffic: &str, seconds: u64, seed: u64) -> impl FnOnce() -> String {
     let build = target_dir().join("web-build");
     let in_browser = Path::new(env!("CARGO_MANIFEST_DIR")).join("check/browser.mjs");
     let program = match std::env::var_os("CROSS_BROWSER") {
@@ -43,7 +44,7 @@ fn compare(board: &str, preset: &str, traffic: &str) {
     let (seconds, seed) = (number("CROSS_SECONDS", 9), number("CROSS_SEED", 1));
     assert!(seconds >= 3, "CROSS_SECONDS={seconds}: use 3 or more. A pulse comes after two");
     let elf = firmware_for(board, "seeed", preset).expect("the firmware");
-    let other = avr8js(&elf, traffic, seconds, seed);
+    let other = in_webassembly(&elf, traffic, seconds, seed);
     let firmware = Firmware::read(&elf).expect("an ELF file");
     let avr = Avr::with_firmware(&firmware).expect("a program for a known chip");
     let kind = Traffic::named(traffic).expect("a traffic");
@@ -54,25 +55,25 @@ fn compare(board: &str, preset: &str, traffic: &str) {
         // The preset remote has no serial monitor.
         assert!(count > 0 || (kind, preset) == ("serial", "remote"), "no {kind}");
     }
-    assert_equal(preset, ("simavr", &trace), ("avr8js", &other()));
+    assert_equal(preset, ("simavr", &trace), ("WebAssembly", &other()));
 }
 
 #[test]
-fn default_runs_alike_on_simavr_and_avr8js() {
+fn default_runs_alike_on_simavr_and_in_webassembly() {
     compare("diecimila", "default", "ardupilot");
 }
 
 #[test]
-fn remote_runs_alike_on_simavr_and_avr8js() {
+fn remote_runs_alike_on_simavr_and_in_webassembly() {
     compare("diecimila", "remote", "px4");
 }
 
 #[test]
-fn thesis_runs_alike_on_simavr_and_avr8js() {
+fn thesis_runs_alike_on_simavr_and_in_webassembly() {
     compare("diecimila", "thesis", "thesis");
 }
 
 #[test]
-fn full_runs_alike_on_simavr_and_avr8js() {
+fn full_runs_alike_on_simavr_and_in_webassembly() {
     compare("uno", "full", "ardupilot");
 }

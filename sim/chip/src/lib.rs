@@ -5,7 +5,7 @@
 //! [`PulseMeter`] measures pulses from the edges of a pin.
 //!
 //! The crate has no code of a processor, and compiles for any target of the Rust standard library.
-//! Two processors implement [`Processor`]: simavr in `sim/avr`, and avr8js in `web`.
+//! `sim/avr` implements [`Processor`].
 
 #![forbid(unsafe_code)]
 
