@@ -146,7 +146,7 @@ pub fn faults() -> String {
 
 /// A world for the page. Times are CPU cycles of 16 MHz.
 #[wasm_bindgen]
-pub struct Simulation(Page<Avr>);
+pub struct Simulation(Page);
 
 #[wasm_bindgen]
 impl Simulation {

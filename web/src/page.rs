@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 
 use anyhow::{Context, Result, anyhow};
 use bench::autopilot::{Moves, Profile, Settings};
-use bench::avr::{Processor, State};
+use bench::avr::{Avr, State};
 use bench::bus_log::{BusLog, Format};
 use bench::can::{BusStats, Record, RecordKind};
 use bench::dronecan::{
@@ -49,8 +49,8 @@ struct Shown {
 }
 
 /// The world of the page.
-pub struct Page<P> {
-    world: World<P>,
+pub struct Page {
+    world: World,
     observer: Observer,
     frames: VecDeque<Shown>,
     /// For a log of the bus.
@@ -87,20 +87,20 @@ fn settings(name: &str) -> Result<Settings> {
     Ok(Settings { moves: Moves::All, ..settings })
 }
 
-impl<P: Processor> Page<P> {
+impl Page {
     /// A board with a program, and an autopilot with a name of [`settings`]. A program that is not
     /// this project's has no known vendor-specific status code, and gets hints.
     ///
     /// # Errors
     /// If the wiring in the program is impossible, or there is no such autopilot.
     pub fn new(
-        processor: P,
+        avr: Avr,
         wiring: &Wiring,
         bit_rate: u32,
         knows_vendor_code: bool,
         autopilot: &str,
-    ) -> Result<Page<P>> {
-        let mut world = World::new(processor, wiring, bit_rate, settings(autopilot)?)?;
+    ) -> Result<Page> {
+        let mut world = World::new(avr, wiring, bit_rate, settings(autopilot)?)?;
         if !knows_vendor_code {
             world.give_hints();
         }
@@ -127,7 +127,7 @@ impl<P: Processor> Page<P> {
     }
 
     /// The world, for its controls.
-    pub fn world(&mut self) -> &mut World<P> {
+    pub fn world(&mut self) -> &mut World {
         &mut self.world
     }
 

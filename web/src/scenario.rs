@@ -10,7 +10,7 @@ use std::rc::Rc;
 
 use anyhow::Result;
 use bench::autopilot::{Moves, Profile, Settings};
-use bench::avr::{Firmware, Processor, ResetCause};
+use bench::avr::{Avr, Firmware, ResetCause};
 use bench::can::{Fault, Frame, Level, RecordKind};
 use bench::dronecan::{Dialect, Message, Opcode, ParameterRequest, Value};
 use bench::wiring::Wiring;
@@ -71,15 +71,15 @@ enum Action {
 ///
 /// # Errors
 /// If the wiring in the program is impossible.
-pub fn run<P: Processor>(
-    processor: P,
+pub fn run(
+    avr: Avr,
     firmware: &Firmware,
     traffic: Traffic,
     seconds: u64,
     seed: u64,
 ) -> Result<String> {
     let wiring = Wiring::of_program(firmware)?;
-    let mut world = World::new(processor, &wiring, wiring.fastest_bit_rate(), traffic.settings())?;
+    let mut world = World::new(avr, &wiring, wiring.fastest_bit_rate(), traffic.settings())?;
     let wire: Rc<RefCell<Vec<(Cycles, Level)>>> = Rc::default();
     let tap = Rc::clone(&wire);
     world
@@ -160,7 +160,7 @@ fn random_frame(noise: &mut Noise) -> Frame {
     }
 }
 
-fn apply<P: Processor>(world: &mut World<P>, action: Action) {
+fn apply(world: &mut World, action: Action) {
     match action {
         Action::Temperature(celsius) => world.set_temperature_c(celsius),
         Action::Button(pressed) => world.board().press_button(pressed),

@@ -9,12 +9,13 @@ use std::rc::Rc;
 
 use anyhow::Result;
 use bench::autopilot::{Autopilot, Settings};
-use bench::avr::{Processor, Pulse, SerialCharacter};
+use bench::avr::{Avr, Pulse, SerialCharacter};
 use bench::board::{Board, WireEvent};
 use bench::can::{Level, PortId, Record, SoftNode};
 use bench::dronecan::NodeId;
 use bench::fault::Fault;
 use bench::findings::{Findings, Said};
+use bench::i2c;
 use bench::inject::{Injector, Target};
 use bench::mcp2515::LoggedFrame;
 use bench::script::{Action, BenchEvent};
@@ -61,8 +62,8 @@ struct Recording {
 }
 
 /// A bench with one board and the stations that talk to it.
-pub struct World<P> {
-    pub bench: Bench<P>,
+pub struct World {
+    pub bench: Bench,
     node: usize,
     pub autopilot: Autopilot,
     autopilot_port: PortId,
@@ -71,6 +72,8 @@ pub struct World<P> {
     sensor_c: f64,
     /// Millivolts at the inputs that measure a circuit: voltage and current.
     circuit_mv: [u32; 2],
+    /// The devices on the two-wire bus of the board.
+    i2c: i2c::Devices,
     /// Events of scripts that are not due yet, in order.
     script: VecDeque<(Cycles, BenchEvent)>,
     /// Stations that send the frames of scripts.
@@ -83,19 +86,16 @@ pub struct World<P> {
     happened: Happened,
 }
 
-impl<P: Processor> World<P> {
+impl World {
     /// A board that is powered at time 0 on a bus.
     ///
     /// # Errors
     /// If the wiring is impossible.
-    pub fn new(
-        processor: P,
-        wiring: &Wiring,
-        bit_rate: u32,
-        settings: Settings,
-    ) -> Result<World<P>> {
-        let mut bench = Bench::of_processor(bit_rate);
-        let node = bench.add_board(Board::wired(processor, wiring)?, "node");
+    pub fn new(mut avr: Avr, wiring: &Wiring, bit_rate: u32, settings: Settings) -> Result<World> {
+        let i2c = i2c::Devices::default();
+        avr.connect_twi(Box::new(i2c.clone()));
+        let mut bench = Bench::new(bit_rate);
+        let node = bench.add_board(Board::wired(avr, wiring)?, "node");
         let autopilot = Autopilot::new(settings, bit_rate);
         let autopilot_port = bench.attach("autopilot", autopilot.station());
         let client = Client::new(NodeId::new(DEFAULT_NODE).expect("a node ID"), bit_rate);
@@ -111,6 +111,7 @@ impl<P: Processor> World<P> {
             injector,
             sensor_c: 20.0,
             circuit_mv: [0; 2],
+            i2c,
             script: VecDeque::new(),
             script_stations: Vec::new(),
             recording: None,
@@ -129,7 +130,7 @@ impl<P: Processor> World<P> {
     }
 
     /// The node's board.
-    pub fn board(&mut self) -> &mut Board<P> {
+    pub fn board(&mut self) -> &mut Board {
         self.bench.board(self.node)
     }
 
@@ -237,10 +238,7 @@ impl<P: Processor> World<P> {
             BenchEvent::Button(pressed) => self.board().press_button(pressed),
             BenchEvent::Fault(fault) => self.inject(fault),
             BenchEvent::Serial(bytes) => self.board().avr_mut().serial_send(&bytes),
-            BenchEvent::I2c(_) => {
-                let text = "i2c: the page's processor has no two-wire bus".to_owned();
-                self.happened.mistakes.push((self.bench.now(), text));
-            }
+            BenchEvent::I2c(setting) => self.i2c.set(&setting),
             BenchEvent::Shaft(rpm) => {
                 // No speed stops it.
                 let period = (60 * F_CPU_HZ).checked_div(rpm.into()).unwrap_or(0);

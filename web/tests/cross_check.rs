@@ -16,7 +16,12 @@ use trace::{assert_equal, number};
 use web::scenario::{self, Traffic};
 
 /// The trace of the WebAssembly, from Node.js or a browser.
-fn in_webassembly(elf: &PathBuf, traffic: &str, seconds: u64, seed: u64) -> impl FnOnce() -> String {
+fn in_webassembly(
+    elf: &PathBuf,
+    traffic: &str,
+    seconds: u64,
+    seed: u64,
+) -> impl FnOnce() -> String {
     let build = target_dir().join("web-build");
     let in_browser = Path::new(env!("CARGO_MANIFEST_DIR")).join("check/browser.mjs");
     let program = match std::env::var_os("CROSS_BROWSER") {

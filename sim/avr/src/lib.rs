@@ -49,7 +49,6 @@ mod machine;
 mod nvm;
 mod own;
 mod pins;
-mod processor;
 pub mod regs;
 #[cfg_attr(not(feature = "simavr"), path = "absent/simavr.rs")]
 mod simavr;
@@ -73,9 +72,9 @@ use anyhow::{Context, Result};
 
 pub use self::core::Engine;
 pub use avr_chip::{
-    Chip, Firmware, Oc, PinDriver, PinWatcher, Processor, Pulse, PulseMeter, Reset, ResetCause,
-    SerialCharacter, SpiByte, SpiDevice, State, Symbol, TwiBus, Violation, WatchdogOscillator,
-    oc2b_duty, power_on_ram, value_of,
+    Chip, Firmware, Oc, PinWatcher, Pulse, PulseMeter, Reset, ResetCause, SerialCharacter, SpiByte,
+    SpiDevice, State, Symbol, TwiBus, Violation, WatchdogOscillator, oc2b_duty, power_on_ram,
+    value_of,
 };
 pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};

@@ -4,35 +4,26 @@
 //! further while it is idle. Each board runs to that time, then the bus does, then the boards
 //! update their INT pins. A board can overshoot that time by one instruction.
 
-use crate::avr::Processor;
 use crate::board::Board;
 use crate::can::{Bus, PortId, StationRef};
-use crate::{Cycles, F_CPU_HZ, StandardProcessor};
+use crate::{Cycles, F_CPU_HZ};
 
 /// Boards and other stations on one bus.
-pub struct Bench<P = StandardProcessor> {
-    boards: Vec<Board<P>>,
+pub struct Bench {
+    boards: Vec<Board>,
     ports: Vec<PortId>,
     bus: Bus,
     now: Cycles,
 }
 
-#[cfg(feature = "avr-model")]
 impl Bench {
-    /// An empty bus with `bit_rate` bits per second, for boards with the processor of `avr-model`.
+    /// An empty bus with `bit_rate` bits per second.
     pub fn new(bit_rate: u32) -> Bench {
-        Bench::of_processor(bit_rate)
-    }
-}
-
-impl<P: Processor> Bench<P> {
-    /// An empty bus with `bit_rate` bits per second, for boards with this processor.
-    pub fn of_processor(bit_rate: u32) -> Bench<P> {
         Bench { boards: Vec::new(), ports: Vec::new(), bus: Bus::new(bit_rate), now: 0 }
     }
 
     /// Connects a board to the bus. Returns the board's number.
-    pub fn add_board(&mut self, board: Board<P>, name: &str) -> usize {
+    pub fn add_board(&mut self, board: Board, name: &str) -> usize {
         self.ports.push(self.bus.attach(name, board.chip()));
         self.boards.push(board);
         self.boards.len() - 1
@@ -49,12 +40,12 @@ impl<P: Processor> Bench<P> {
     }
 
     /// The board with number `index`.
-    pub fn board(&mut self, index: usize) -> &mut Board<P> {
+    pub fn board(&mut self, index: usize) -> &mut Board {
         &mut self.boards[index]
     }
 
     /// All boards.
-    pub fn boards(&mut self) -> &mut [Board<P>] {
+    pub fn boards(&mut self) -> &mut [Board] {
         &mut self.boards
     }
 
@@ -89,7 +80,7 @@ impl<P: Processor> Bench<P> {
     /// a debugger halts a board.
     pub fn run_until_or(
         &mut self,
-        mut condition: impl FnMut(&mut Bench<P>) -> bool,
+        mut condition: impl FnMut(&mut Bench) -> bool,
         timeout: Cycles,
     ) -> bool {
         let end = self.now + timeout;

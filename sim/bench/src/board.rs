@@ -20,7 +20,6 @@
 //! both chips start at the same time. A real AVR with the Diecimila's fuses starts about 65 ms
 //! later, which gives the MCP2515 more time to start.
 
-#[cfg(feature = "avr-model")]
 mod load;
 mod wires;
 
@@ -29,12 +28,12 @@ use std::rc::Rc;
 
 use anyhow::{Context, Result};
 
-use crate::avr::{Oc, Processor, Pulse, PulseMeter, ResetCause, State};
+use crate::Cycles;
+use crate::avr::{Avr, Oc, Pulse, PulseMeter, ResetCause, State};
 use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
 use crate::shaft::Shaft;
 use crate::wiring::{Pin, Wiring};
-use crate::{Cycles, StandardProcessor};
 use wires::{SpiEnd, Wires};
 pub use wires::{SpiUse, Violation, Wire, WireEvent, WrongWire};
 
@@ -42,9 +41,9 @@ pub use wires::{SpiUse, Violation, Wire, WireEvent, WrongWire};
 const OC2B: (char, u8) = ('D', 3);
 
 /// A board with its two chips and its outputs.
-pub struct Board<P = StandardProcessor> {
+pub struct Board {
     wiring: Wiring,
-    avr: P,
+    avr: Avr,
     /// Output of Timer1 to which the servo is wired.
     servo_output: Oc,
     sensor_channel: u8,
@@ -67,7 +66,7 @@ struct SwitchedOutput {
 }
 
 impl SwitchedOutput {
-    fn attach(avr: &mut impl Processor, pin: Pin) -> SwitchedOutput {
+    fn attach(avr: &mut Avr, pin: Pin) -> SwitchedOutput {
         let edges = Rc::new(RefCell::new(Vec::new()));
         let seen = Rc::clone(&edges);
         avr.watch_pin(
@@ -79,12 +78,12 @@ impl SwitchedOutput {
     }
 }
 
-impl<P: Processor> Board<P> {
+impl Board {
     /// A board with the given AVR and wiring.
     ///
     /// # Errors
     /// If the wiring is impossible.
-    pub fn wired(mut avr: P, wiring: &Wiring) -> Result<Board<P>> {
+    pub fn wired(mut avr: Avr, wiring: &Wiring) -> Result<Board> {
         wiring.check()?;
         let servo_output =
             wiring.servo.timer1_output().context("the servo needs an output of Timer1")?;
@@ -97,7 +96,7 @@ impl<P: Processor> Board<P> {
             .transpose()?;
         let wiring = Wiring { chip: avr.chip(), ..wiring.clone() };
         let chip = Rc::new(RefCell::new(Mcp2515::new(wiring.crystal_hz())));
-        let int = avr.pin_driver(wiring.int.port(), wiring.int.bit());
+        let int = avr.input_pin(wiring.int.port(), wiring.int.bit());
         let wires = Rc::new(Wires::new(chip, int));
         avr.drive_pin(wiring.cs.port(), wiring.cs.bit(), true);
         let cs = Rc::clone(&wires);
@@ -139,12 +138,12 @@ impl<P: Processor> Board<P> {
     }
 
     /// The microcontroller.
-    pub fn avr(&self) -> &P {
+    pub fn avr(&self) -> &Avr {
         &self.avr
     }
 
     /// The microcontroller, to drive its pins and serial port.
-    pub fn avr_mut(&mut self) -> &mut P {
+    pub fn avr_mut(&mut self) -> &mut Avr {
         &mut self.avr
     }
 

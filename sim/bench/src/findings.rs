@@ -4,7 +4,6 @@
 //! A finding is not a mistake of the program, which may fit another board. That the serial port has
 //! one of the rates of serial monitors is no hint, but a note.
 
-use crate::avr::Processor;
 use crate::board::Board;
 use crate::mcp2515::Mode;
 use crate::wiring::Pin;
@@ -55,12 +54,12 @@ pub struct Findings {
 impl Findings {
     /// Counts the edges of pins, so that a hint can name the chip select of a program whose wiring
     /// is not known.
-    pub fn watch_selects<P: Processor>(&mut self, board: &mut Board<P>) {
+    pub fn watch_selects(&mut self, board: &mut Board) {
         self.selects = Selects::attach(board);
     }
 
     /// Checks a board on a bus of `bus_rate` bits per second. Returns what is new.
-    pub fn check<P: Processor>(&mut self, board: &Board<P>, bus_rate: u32) -> Vec<String> {
+    pub fn check(&mut self, board: &Board, bus_rate: u32) -> Vec<String> {
         let hints = [
             self.check_can_rate(board, bus_rate),
             self.check_chip_select(board),
@@ -89,7 +88,7 @@ impl Findings {
         })
     }
 
-    fn check_can_rate<P: Processor>(&mut self, board: &Board<P>, bus_rate: u32) -> Option<String> {
+    fn check_can_rate(&mut self, board: &Board, bus_rate: u32) -> Option<String> {
         let chip = board.chip();
         let chip = chip.borrow();
         if !matches!(chip.mode(), Mode::Normal | Mode::ListenOnly) {
@@ -109,7 +108,7 @@ impl Findings {
         ))
     }
 
-    fn check_chip_select<P: Processor>(&mut self, board: &Board<P>) -> Option<String> {
+    fn check_chip_select(&mut self, board: &Board) -> Option<String> {
         let passed = board.spi_use();
         let is_silent = passed.selects == 0 && passed.bytes_elsewhere > 0;
         if self.is_cs_reported || !is_silent || board.now() < SPI_SETTLED {
@@ -130,7 +129,7 @@ impl Findings {
         })
     }
 
-    fn check_mode<P: Processor>(&mut self, board: &Board<P>) -> Option<String> {
+    fn check_mode(&mut self, board: &Board) -> Option<String> {
         let chip = board.chip();
         let chip = chip.borrow();
         let name = match chip.mode() {
@@ -160,7 +159,7 @@ struct Selects {
 
 impl Selects {
     /// Begins to count.
-    fn attach<P: Processor>(board: &mut Board<P>) -> Selects {
+    fn attach(board: &mut Board) -> Selects {
         let cs = board.wiring().cs;
         let pins = SELECTS.iter().filter_map(|name| name.parse().ok()).filter(|pin| *pin != cs);
         let count = |pin: Pin| {

@@ -9,7 +9,7 @@ use std::rc::Rc;
 
 use crate::Bench;
 use crate::autopilot::Autopilot;
-use crate::avr::{Processor, ResetCause};
+use crate::avr::ResetCause;
 use crate::can::{self, Frame, PortId, SoftNode};
 use crate::fault::Fault;
 
@@ -32,8 +32,8 @@ const BABBLE_ID: u32 = 0x0000_0A7F;
 const BABBLE_DATA: [u8; 8] = [0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0];
 
 /// What a fault acts on.
-pub struct Target<'a, P> {
-    pub bench: &'a mut Bench<P>,
+pub struct Target<'a> {
+    pub bench: &'a mut Bench,
     /// Number of the node's board.
     pub node: usize,
     pub autopilot: Option<&'a mut Autopilot>,
@@ -53,7 +53,7 @@ pub struct Injector {
 
 impl Injector {
     /// Attaches the babbler to a bench.
-    pub fn new<P: Processor>(bench: &mut Bench<P>) -> Injector {
+    pub fn new(bench: &mut Bench) -> Injector {
         let babbler = Rc::new(RefCell::new(SoftNode::new(bench.bus().bit_rate())));
         bench.attach("babbler", babbler.clone());
         Injector { babbler, intruder: None, active: Vec::new() }
@@ -71,7 +71,7 @@ impl Injector {
 
     /// Begins a fault now; ends it if it lasts and is on. Returns true if it is on afterwards.
     /// `OtherDialect` only counts: the owner of the autopilot replaces it.
-    pub fn inject<P: Processor>(&mut self, fault: Fault, target: &mut Target<P>) -> bool {
+    pub fn inject(&mut self, fault: Fault, target: &mut Target) -> bool {
         let on = !self.active.contains(&fault);
         if fault.lasts() {
             self.active.retain(|active| *active != fault);
@@ -86,12 +86,7 @@ impl Injector {
     }
 
     /// Causes or ends a fault of the bus or of its stations. Returns false for other faults.
-    fn disturb_bus<P: Processor>(
-        &mut self,
-        fault: Fault,
-        on: bool,
-        target: &mut Target<P>,
-    ) -> bool {
+    fn disturb_bus(&mut self, fault: Fault, on: bool, target: &mut Target) -> bool {
         let port = target.bench.port(target.node);
         let bus = target.bench.bus();
         match fault {
@@ -135,7 +130,7 @@ impl Injector {
     }
 
     /// Causes or ends a fault of the board.
-    fn disturb_board<P: Processor>(&self, fault: Fault, on: bool, target: &mut Target<P>) {
+    fn disturb_board(&self, fault: Fault, on: bool, target: &mut Target) {
         let board = target.bench.board(target.node);
         match fault {
             Fault::ChipReset => board.chip_reset(),
@@ -183,7 +178,7 @@ impl Injector {
 
     /// Lets a node of half the bit rate babble, or disconnects it. The simulation is slower while
     /// the node is connected.
-    fn connect_intruder<P: Processor>(&mut self, bench: &mut Bench<P>, on: bool) {
+    fn connect_intruder(&mut self, bench: &mut Bench, on: bool) {
         let bit_rate = bench.bus().bit_rate() / 2;
         let (node, port) = self.intruder.get_or_insert_with(|| {
             let node = Rc::new(RefCell::new(SoftNode::new(bit_rate)));

@@ -1,6 +1,5 @@
 //! What a user applies to the pins of a circuit: levels and voltages.
 
-use crate::avr::Processor;
 use crate::board::Board;
 use crate::wiring::{Pin, Wiring};
 use std::str::FromStr;
@@ -74,7 +73,7 @@ impl Setting {
     }
 
     /// Applies it to the pin of a board.
-    pub fn apply<P: Processor>(self, board: &mut Board<P>) {
+    pub fn apply(self, board: &mut Board) {
         let (port, bit) = (self.pin.port(), self.pin.bit());
         let mv = match self.applied {
             Applied::Low => 0,

@@ -1,11 +1,9 @@
 //! What every model of an ATmega168 or ATmega328P shares, whoever executes its instructions.
 //!
 //! [`Chip`] has the sizes of the memories. [`Firmware`] reads a program from an ELF or Intel HEX
-//! file. [`Processor`] is what a board needs of a model: time, pins, SPI, ADC and serial port.
-//! [`PulseMeter`] measures pulses from the edges of a pin.
+//! file. [`PulseMeter`] measures pulses from the edges of a pin.
 //!
 //! The crate has no code of a processor, and compiles for any target of the Rust standard library.
-//! `sim/avr` implements [`Processor`].
 
 #![forbid(unsafe_code)]
 
@@ -23,7 +21,7 @@ pub use analog::{WatchdogOscillator, oc2b_duty, power_on_ram};
 pub use chip::Chip;
 pub use elf::{Firmware, Symbol, value_of};
 pub use processor::{
-    Oc, PinDriver, PinWatcher, Processor, Reset, ResetCause, SerialCharacter, SpiByte, SpiDevice,
-    State, TwiBus, Violation,
+    Oc, PinWatcher, Reset, ResetCause, SerialCharacter, SpiByte, SpiDevice, State, TwiBus,
+    Violation,
 };
 pub use pulse::{Pulse, PulseMeter};

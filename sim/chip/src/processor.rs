@@ -2,16 +2,12 @@
 //!
 //! A processor runs its program up to a given time. It calls the board's device for each byte on
 //! the SPI and the board's watchers for each change of a pin, in the middle of an instruction. The
-//! callbacks may drive pins, through [`Processor::pin_driver`].
+//! callbacks may drive pins.
 
-use super::chip::Chip;
 use sim_base::Cycles;
 
 /// Receives each new level of a pin.
 pub type PinWatcher = Box<dyn FnMut(bool, Cycles)>;
-
-/// Drives an input pin from outside, also within callbacks of the processor.
-pub type PinDriver = Box<dyn Fn(bool)>;
 
 /// State of the processor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -131,72 +127,4 @@ pub struct SerialCharacter {
     /// Number of bits: 10 for 8N1. 0 if a reset has cut off the last character, and the line is
     /// idle from `start` on.
     pub bits: u8,
-}
-
-/// A chip with a program, as a board sees it. Pins are named as in the datasheet: PD2 is
-/// `('D', 2)`.
-pub trait Processor {
-    /// The type of the chip.
-    fn chip(&self) -> Chip;
-
-    /// Simulated time since the start. A reset does not change it.
-    fn now(&self) -> Cycles;
-
-    /// Runs the program until `t`. The last instruction or interrupt entry can end later.
-    fn run_until(&mut self, t: Cycles) -> State;
-
-    /// True if a debugger has halted the chip. No time passes for the chip then.
-    fn is_halted(&self) -> bool;
-
-    /// State of the processor.
-    fn state(&self) -> State;
-
-    /// Resets the chip.
-    fn reset(&mut self, cause: ResetCause);
-
-    /// True if a pin is high.
-    fn pin(&self, port: char, bit: u8) -> bool;
-
-    /// Calls `watcher` at each change of a pin. [`Processor::take_edges`] has the edges that Timer1
-    /// makes.
-    fn watch_pin(&mut self, port: char, bit: u8, watcher: PinWatcher);
-
-    /// Drives a pin from outside, also during resets. Has no effect while the pin is an output.
-    fn drive_pin(&mut self, port: char, bit: u8, level: bool);
-
-    /// Stops driving a pin.
-    fn release_pin(&mut self, port: char, bit: u8);
-
-    /// A function with which watchers and SPI devices can drive a pin.
-    fn pin_driver(&self, port: char, bit: u8) -> PinDriver;
-
-    /// Connects the device on the SPI, in place of an earlier one. Chip select is an ordinary pin.
-    fn connect_spi(&mut self, device: Box<dyn SpiDevice>);
-
-    /// Sends bytes to the serial port. Once the receiver is on, they arrive one after the other at
-    /// the rate that the program has set.
-    fn serial_send(&mut self, bytes: &[u8]);
-
-    /// Removes and returns the characters that began on TXD and RXD since the last call. The first
-    /// call starts the recording.
-    fn serial_trace(&mut self) -> Vec<SerialCharacter>;
-
-    /// Sets the voltage at ADC input `channel` (0..=7) in microvolts.
-    fn set_analog_uv(&mut self, channel: u8, microvolts: u32);
-
-    /// Adds uniform noise of plus or minus `amplitude_uv` to each ADC sample.
-    fn set_analog_noise_uv(&mut self, amplitude_uv: u32, seed: u64);
-
-    /// Removes and returns the edges of OC1A or OC1B since the last call, while the pin is an
-    /// output.
-    fn take_edges(&mut self, oc: Oc) -> Vec<(Cycles, bool)>;
-
-    /// Duty cycle of OC2B (D3), 0 to 1, if Timer2 drives it in a PWM mode.
-    fn oc2b_duty(&self) -> Option<f64>;
-
-    /// The EEPROM's cells.
-    fn eeprom(&self) -> Vec<u8>;
-
-    /// Removes and returns the program's mistakes since the last call.
-    fn take_violations(&mut self) -> Vec<Violation>;
 }

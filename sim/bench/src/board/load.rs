@@ -1,4 +1,4 @@
-//! Boards whose processor is that of `avr-model`.
+//! Boards with programs.
 
 use std::path::Path;
 
@@ -9,7 +9,7 @@ use crate::avr::{Avr, Firmware};
 use crate::firmware::processor;
 use crate::wiring::Wiring;
 
-impl Board<Avr> {
+impl Board {
     /// A board with the firmware of an ELF file, powered on at time 0.
     ///
     /// # Errors

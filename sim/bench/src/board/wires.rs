@@ -5,7 +5,7 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use crate::Cycles;
-use crate::avr::{PinDriver, SerialCharacter, SpiByte, SpiDevice};
+use crate::avr::{InputPin, SerialCharacter, SpiByte, SpiDevice};
 use crate::mcp2515::Mcp2515;
 use sim_base::Noise;
 
@@ -91,7 +91,7 @@ impl WrongWire {
 /// The wires between the two chips.
 pub(super) struct Wires {
     pub chip: Rc<RefCell<Mcp2515>>,
-    int: PinDriver,
+    int: InputPin,
     pub int_level: Cell<bool>,
     pub selected: Cell<bool>,
     /// Byte that MISO reads while the MCP2515 has no power; `None` while it has power.
@@ -125,8 +125,8 @@ impl SpiDevice for SpiEnd {
 
 impl Wires {
     /// Wires to an MCP2515 whose INT drives a pin with `int`.
-    pub fn new(chip: Rc<RefCell<Mcp2515>>, int: PinDriver) -> Wires {
-        int(true);
+    pub fn new(chip: Rc<RefCell<Mcp2515>>, int: InputPin) -> Wires {
+        int.drive(true);
         Wires {
             chip,
             int,
@@ -170,7 +170,7 @@ impl Wires {
         };
         if self.int_level.replace(level) != level {
             self.record(at, WireEvent::Int(level));
-            (self.int)(level);
+            self.int.drive(level);
         }
     }
 
