@@ -67,7 +67,7 @@ await build({
   outdir: out,
   format: "iife",
   minify: true,
-  loader: { ".wasm": "binary", ".elf": "binary" },
+  loader: { ".wasm": "binary", ".elf": "binary", ".hex": "binary" },
 });
 writeFileSync(join(out, "index.html"), withAddress(readFileSync("ui/page/index.html", "utf8")));
 mkdirSync(join(out, "docs"), { recursive: true });

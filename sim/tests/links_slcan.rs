@@ -11,8 +11,7 @@ use std::time::Duration;
 use crate::links::{Client, Scratch, run_ms};
 use bench::Bench;
 use bench::can::{Frame, Id, SoftNode};
-use sim::links::Link;
-use sim::links::slcan::Slcan;
+use sim::links::slcan::{self, Slcan};
 
 const BIT_RATE: u32 = 1_000_000;
 
@@ -33,7 +32,7 @@ impl Stand {
         let mut bench = Bench::new(BIT_RATE);
         let peer = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
         bench.attach("peer", peer.clone());
-        let adapter = Slcan::open(&path, &mut bench).unwrap();
+        let adapter = slcan::open(&path, &mut bench).unwrap();
         let client = Client::open(&path);
         Stand { bench, peer, adapter, client, path, _scratch: scratch }
     }
@@ -266,7 +265,7 @@ fn a_new_client_does_not_get_frames_for_the_last_one() {
 fn two_adapters_arbitrate_and_receive_each_others_frames_but_not_their_own() {
     let mut stand = Stand::opened();
     let scratch = Scratch::new();
-    let mut other = Slcan::open(&scratch.path("can2"), &mut stand.bench).unwrap();
+    let mut other = slcan::open(&scratch.path("can2"), &mut stand.bench).unwrap();
     let mut client = Client::open(&scratch.path("can2"));
     client.write(b"S8\rO\r");
     run_ms(&mut stand.bench, &mut [&mut stand.adapter, &mut other], 2);
@@ -287,8 +286,8 @@ fn a_full_bus_of_client_traffic_loses_no_frame() {
     let scratch = Scratch::new();
     let (from, to) = (scratch.path("from"), scratch.path("to"));
     let mut bench = Bench::new(BIT_RATE);
-    let mut sender = Slcan::open(&from, &mut bench).unwrap();
-    let mut receiver = Slcan::open(&to, &mut bench).unwrap();
+    let mut sender = slcan::open(&from, &mut bench).unwrap();
+    let mut receiver = slcan::open(&to, &mut bench).unwrap();
     let received = Arc::new(AtomicU64::new(0));
     let stop = Arc::new(AtomicBool::new(false));
     let (reader_received, reader_stop) = (received.clone(), stop.clone());
@@ -318,7 +317,7 @@ fn a_full_bus_of_client_traffic_loses_no_frame() {
     });
     // The receiver must be on the bus before the first frame is sent.
     for _ in 0..1000 {
-        receiver.serve(&mut bench).unwrap();
+        receiver.serve(&bench);
         if receiver.status().contains("open") {
             break;
         }
@@ -329,7 +328,7 @@ fn a_full_bus_of_client_traffic_loses_no_frame() {
     while received.load(Ordering::Relaxed) < FRAMES && rounds_left > 0 {
         // The simulation must not run ahead of the test's threads by too much.
         if carried - received.load(Ordering::Relaxed).min(carried) > 2000 {
-            receiver.serve(&mut bench).unwrap();
+            receiver.serve(&bench);
         } else {
             run_ms(&mut bench, &mut [&mut sender, &mut receiver], 1);
             let before = std::mem::replace(&mut carried, bench.bus().stats().frames);

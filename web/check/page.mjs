@@ -631,6 +631,29 @@ const tests = {
     return page;
   },
 
+  async "the view of the real bus shows the simulated one, and updates its node"(t) {
+    const page = await open(t);
+    await isRunning(page);
+    await page.click("#armed");
+    await page.click("#tab-bus");
+    await page.click("#can-simulated");
+    await until("frames", async () => /^[1-9]\d* frames received/.test(await text(page, "#can-counters")));
+    await page.click("#can-names");
+    const nodes = () => text(page, "#can-nodes");
+    await until("the node's name", async () => /org\.dronecan\.servo328[^\n]*OK/.test(await nodes()));
+    await page.getByLabel("Node 120", { exact: true }).click();
+    await page.click("#can-read");
+    await until("its parameters", () => page.locator("#can-table tr").count());
+    await page.click("#can-own");
+    await until("the bootloader reads", async () => /reading, \d{3,} of \d+ bytes/.test(await text(page, "#can-updates")));
+    await until("the update's end", async () => /Node 120: (NOT )?updated/.test(await text(page, "#can-updates")));
+    assert.match(await text(page, "#can-updates"), /Node 120: updated: runs version/);
+    await page.click("#can-connect");
+    await page.click("#tab-simulated");
+    await isRunning(page);
+    return page;
+  },
+
   async "a file that is no program is refused in words, and the node goes on"(t) {
     const page = await open(t);
     await isRunning(page);

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::time::Duration;
 
 use anyhow::{Error, Result as AnyResult, bail};
-use bench::avr::{Avr, Chip, Firmware};
+use bench::avr::{Avr, Chip, Firmware, ResetCause};
 use bench::bus_log::Format;
 use bench::dronecan::{NodeId, Opcode, Value};
 use bench::wires;
@@ -77,6 +77,14 @@ fn chosen(options: &str) -> AnyResult<(wires::Args, Option<u32>)> {
     Ok((args, bit_rate))
 }
 
+/// Reads an ELF or Intel HEX file.
+fn firmware(bytes: &[u8]) -> AnyResult<Firmware> {
+    match std::str::from_utf8(bytes) {
+        Ok(text) if text.starts_with(':') => Firmware::parse_hex(text),
+        _ => Firmware::parse(bytes),
+    }
+}
+
 #[wasm_bindgen]
 impl Program {
     /// Reads a file. `options` is a JSON object with what the user has chosen of [`choices`].
@@ -88,10 +96,7 @@ impl Program {
     }
 
     fn read(bytes: &[u8], options: &str) -> AnyResult<Program> {
-        let firmware = match std::str::from_utf8(bytes) {
-            Ok(text) if text.starts_with(':') => Firmware::parse_hex(text),
-            _ => Firmware::parse(bytes),
-        }?;
+        let firmware = firmware(bytes)?;
         let (args, bit_rate) = chosen(options)?;
         let wiring = args.apply(Wiring::of_program(&firmware)?)?;
         let bit_rate = bit_rate.unwrap_or(wiring.fastest_bit_rate());
@@ -150,20 +155,35 @@ pub struct Simulation(Page);
 
 #[wasm_bindgen]
 impl Simulation {
-    /// A board with a program and this EEPROM, and an autopilot.
+    /// A board with a program, a bootloader if that file is not empty, and this EEPROM; and an
+    /// autopilot.
     ///
     /// # Errors
     /// If the wiring in the program is impossible, or there is no such autopilot.
     #[wasm_bindgen(constructor)]
-    pub fn new(program: &Program, eeprom: &[u8], autopilot: &str) -> Result<Simulation, String> {
-        text(Simulation::begin(program, eeprom, autopilot))
+    pub fn new(
+        program: &Program,
+        loader: &[u8],
+        eeprom: &[u8],
+        autopilot: &str,
+    ) -> Result<Simulation, String> {
+        text(Simulation::begin(program, loader, eeprom, autopilot))
     }
 
-    fn begin(program: &Program, eeprom: &[u8], autopilot: &str) -> AnyResult<Simulation> {
-        let Program { firmware, wiring, bit_rate, .. } = program;
-        let mut avr = Avr::programmed(wiring.chip, firmware)?;
+    fn begin(
+        program: &Program,
+        loader: &[u8],
+        eeprom: &[u8],
+        autopilot: &str,
+    ) -> AnyResult<Simulation> {
+        let Program { firmware: ours, wiring, bit_rate, .. } = program;
+        let mut avr = Avr::programmed(wiring.chip, ours)?;
+        if !loader.is_empty() {
+            avr.install_bootloader(&firmware(loader)?)?;
+            avr.reset(ResetCause::PowerOn);
+        }
         avr.set_eeprom(eeprom);
-        let knows_vendor_code = firmware.board.is_some();
+        let knows_vendor_code = ours.board.is_some();
         Page::new(avr, wiring, *bit_rate, knows_vendor_code, autopilot).map(Simulation)
     }
 
@@ -185,6 +205,21 @@ impl Simulation {
     /// Simulates until `until`.
     pub fn advance(&mut self, until: f64) {
         self.0.advance(until as u64);
+    }
+
+    /// Gives bytes to an SLCAN adapter on the simulated bus.
+    pub fn write_adapter(&mut self, bytes: &[u8]) {
+        self.0.world().adapter().input.extend(bytes);
+    }
+
+    /// Removes and returns the bytes of that adapter.
+    pub fn read_adapter(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.0.world().adapter().output)
+    }
+
+    /// The bits per second of the simulated bus.
+    pub fn bit_rate(&mut self) -> u32 {
+        self.0.world().bench.bus().bit_rate()
     }
 
     /// The state of the world, a JSON object.

@@ -19,6 +19,7 @@ use bench::i2c;
 use bench::inject::{Injector, Target};
 use bench::mcp2515::LoggedFrame;
 use bench::script::{Action, BenchEvent};
+use bench::slcan::{Port, Slcan};
 use bench::vcd::{self, Drawn, Wire, Writer};
 use bench::wiring::Wiring;
 use bench::{Bench, Cycles, F_CPU_HZ};
@@ -30,6 +31,8 @@ use crate::spi::{Transaction, Transactions};
 const SLICE: Cycles = F_CPU_HZ / 1000;
 /// Longest line of the serial monitor. A longer one is cut.
 const LINE_MAX: usize = 200;
+/// Bytes that wait for the client of the adapter.
+const OUTPUT_MAX: usize = 64 * 1024;
 /// Node ID of the program before it is known otherwise.
 pub const DEFAULT_NODE: u8 = 120;
 
@@ -51,6 +54,34 @@ pub struct Happened {
     pub hints: Vec<(Cycles, String)>,
     /// Faults that began or happened (true), or ended.
     pub faults: Vec<(Cycles, Fault, bool)>,
+}
+
+/// The port of the adapter on the simulated bus.
+#[derive(Default)]
+pub struct Buffers {
+    /// Bytes of the client, and for it.
+    pub input: Vec<u8>,
+    pub output: Vec<u8>,
+}
+
+impl Port for Buffers {
+    fn name(&self) -> String {
+        "of this page".to_owned()
+    }
+
+    fn read(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.input)
+    }
+
+    fn write(&mut self, bytes: &[u8]) -> usize {
+        let taken = bytes.len().min(OUTPUT_MAX.saturating_sub(self.output.len()));
+        self.output.extend(&bytes[..taken]);
+        taken
+    }
+
+    fn discard_unread(&mut self) {
+        self.output.clear();
+    }
 }
 
 /// A recording of the wires as VCD.
@@ -78,6 +109,8 @@ pub struct World {
     script: VecDeque<(Cycles, BenchEvent)>,
     /// Stations that send the frames of scripts.
     script_stations: Vec<Rc<RefCell<SoftNode>>>,
+    /// `None` until the view of the real bus asks for it.
+    adapter: Option<Slcan<Buffers>>,
     recording: Option<Recording>,
     /// `None` if nobody asked for hints.
     findings: Option<Findings>,
@@ -114,6 +147,7 @@ impl World {
             i2c,
             script: VecDeque::new(),
             script_stations: Vec::new(),
+            adapter: None,
             recording: None,
             findings: None,
             line: String::new(),
@@ -206,8 +240,19 @@ impl World {
             self.autopilot.advance(next);
             self.client.serve(self.now());
             self.bench.run_until(next);
+            if let Some(adapter) = &mut self.adapter {
+                adapter.serve(&self.bench);
+            }
             self.collect();
         }
+    }
+
+    /// The port of an SLCAN adapter on the bus, whose channel is closed at first.
+    pub fn adapter(&mut self) -> &mut Buffers {
+        let bench = &mut self.bench;
+        self.adapter
+            .get_or_insert_with(|| Slcan::attach(Buffers::default(), "adapter", bench))
+            .port()
     }
 
     /// Plays the lines of a script, whose times count from power-on. Returns the number of frames

@@ -21,6 +21,7 @@ pub mod lm35;
 pub mod pins;
 pub mod script;
 pub mod shaft;
+pub mod slcan;
 pub mod vcd;
 pub mod vendor_code;
 pub mod wires;

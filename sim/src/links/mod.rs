@@ -152,7 +152,7 @@ impl Args {
             }
         }
         for path in &self.slcan {
-            links.push(Box::new(slcan::Slcan::open(path, bench)?));
+            links.push(Box::new(slcan::open(path, bench)?));
         }
         if let Some(path) = &self.serial {
             links.push(Box::new(serial::SerialPort::open(path, node)?));

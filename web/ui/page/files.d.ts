@@ -4,6 +4,10 @@ declare module "*.elf" {
   const bytes: Uint8Array;
   export default bytes;
 }
+declare module "*.hex" {
+  const bytes: Uint8Array;
+  export default bytes;
+}
 declare module "*.wasm" {
   const bytes: Uint8Array;
   export default bytes;

@@ -18,6 +18,7 @@ import { Plots } from "./plots";
 import { type Choice, PROGRAMS, nameOfEeprom } from "./programs";
 import { RealBoard } from "./real-board";
 import { RealBusView } from "./real-bus";
+import { SimulatedPort } from "./simulated-port";
 import { type Lane, Timeline } from "./timeline";
 import { Tour } from "./tour";
 import type { PageEvent, Snapshot } from "./types";
@@ -63,6 +64,8 @@ const FOUR_MOTORS: [string, number][] = [
   ["ESC_RATE", 400],
 ];
 
+const NO_LOADER = new Uint8Array();
+
 initSync({ module: wasm.slice() });
 
 class Page {
@@ -100,7 +103,7 @@ class Page {
 
   private readonly monitor = new Monitor(byId("monitor"));
   private readonly realBoard = new RealBoard();
-  private readonly realBus = new RealBusView();
+  private readonly realBus = new RealBusView(new SimulatedPort(() => this.simulation));
   private readonly views = new Views();
   private readonly marks = new Marks();
   private readonly plots = new Plots(this.marks);
@@ -153,7 +156,8 @@ class Page {
         this.askForChip(choice);
         return;
       }
-      next = new Simulation(program, kept(nameOfEeprom(choice), program.eeprom()), choice.autopilot);
+      const eeprom = kept(nameOfEeprom(choice), program.eeprom());
+      next = new Simulation(program, choice.loader ?? NO_LOADER, eeprom, choice.autopilot);
     } catch (error) {
       this.notice(`${choice.name} cannot run here: ${String(error)}`);
       this.showChoice();
@@ -286,7 +290,7 @@ class Page {
   private picture(time: number) {
     this.realBoard.draw(time);
     this.realBus.draw(time);
-    if (this.isShown) {
+    if (this.isShown || this.realBus.isSimulated) {
       this.pictureOfSimulation(time);
     }
     requestAnimationFrame((next) => this.picture(next));

@@ -6,6 +6,7 @@ import { Detail } from "./detail";
 import { byId, download, make, setText } from "./dom";
 import { Parameters } from "./parameters";
 import { type Port, PortError, choosePort, whyNoPorts } from "./ports";
+import { SimulatedPort } from "./simulated-port";
 import { type Lane, Timeline } from "./timeline";
 import type { BusNode, BusSnapshot, BusUpdate, FrameEvent } from "./types";
 
@@ -61,7 +62,7 @@ export class RealBusView {
   private readonly updates = new Map<number, UpdateRow>();
   private readonly bitRate = byId<HTMLSelectElement>("can-rate");
   private readonly baud = byId<HTMLSelectElement>("can-baud");
-  private port: Port | null = null;
+  private port: Port | SimulatedPort | null = null;
   /** True while an adapter is being opened, or is in use. */
   private isConnected = false;
   private begun = 0;
@@ -71,13 +72,12 @@ export class RealBusView {
   /** What the adapter is told at the end. */
   private farewell: Uint8Array | null = null;
 
-  constructor() {
+  constructor(private readonly simulated: SimulatedPort) {
     this.bitRate.append(...BIT_RATES.map((rate) => new Option(`${rate} kbit/s`, String(rate * 1000))));
     this.baud.append(...BAUDS.map((rate) => new Option(`${rate} baud`, String(rate))));
     this.listen();
     const why = whyNoPorts();
     this.say(why ?? IDLE, why !== null);
-    byId<HTMLButtonElement>("can-connect").disabled = why !== null;
     this.show(this.snapshot());
   }
 
@@ -87,6 +87,11 @@ export class RealBusView {
       this.drawnAt = time;
       this.show(this.snapshot());
     }
+  }
+
+  /** True while the bus is that of the simulation, which has to go on. */
+  get isSimulated() {
+    return this.isConnected && this.port === this.simulated;
   }
 
   private now() {
@@ -122,7 +127,7 @@ export class RealBusView {
   }
 
   /** Carries bytes between the port and the bus until one of them ends. */
-  private async run(port: Port) {
+  private async run(port: Port | SimulatedPort) {
     try {
       while (this.bus.is_connected()) {
         this.bus.receive(await port.read(READ_MS), this.now());
@@ -137,13 +142,16 @@ export class RealBusView {
         this.port = null;
       }
     }
+    if (port === this.simulated) {
+      this.port = null;
+    }
     await port.close();
     this.isConnected = false;
     this.say(IDLE);
     this.show(this.snapshot());
   }
 
-  private async write(port: Port) {
+  private async write(port: Port | SimulatedPort) {
     for (let bytes = this.bus.take_output(); bytes.length > 0; bytes = this.bus.take_output()) {
       await port.write(bytes);
       this.bus.poll(this.now());
@@ -185,7 +193,10 @@ export class RealBusView {
   private showState(snapshot: BusSnapshot) {
     const { state, trouble, own_id, listens_first, bit_rate, load } = snapshot;
     const rate = bit_rate / 1000;
-    setText(byId("can-connect"), this.isConnected ? "Disconnect" : "Connect");
+    const connect = byId<HTMLButtonElement>("can-connect");
+    setText(connect, this.isConnected ? "Disconnect" : "Connect");
+    connect.disabled = !this.isConnected && whyNoPorts() !== null;
+    byId<HTMLButtonElement>("can-simulated").disabled = this.isConnected;
     this.bitRate.disabled = this.baud.disabled = this.isConnected;
     setText(byId("can-load"), state === "open" ? `${(load * 100).toFixed(1)} % of ${rate} kbit/s` : "");
     const counters: [number, string][] = [
@@ -359,6 +370,11 @@ export class RealBusView {
       } else {
         this.connect().catch((error) => this.say(error instanceof Error ? error.message : String(error), true));
       }
+    });
+    click("can-simulated", () => {
+      this.port = this.simulated;
+      this.bitRate.value = String(this.simulated.bitRate);
+      void this.connect();
     });
     click("can-other", () => {
       this.port = null;
