@@ -2,7 +2,6 @@
 
 pub mod fault;
 pub mod links;
-pub mod node_ids;
 pub mod pins;
 pub mod time;
 pub mod ui;

@@ -631,6 +631,24 @@ const tests = {
     return page;
   },
 
+  async "a second node with four motors follows the same autopilot, and goes again"(t) {
+    const page = await open(t);
+    await isRunning(page);
+    await page.click("#second");
+    await until("four propellers", async () => (await page.locator("#second-outputs .propeller").count()) === 4);
+    const widths = () => page.locator("#second-outputs strong").allInnerTexts();
+    await until("they turn", async () => (await widths()).every((width) => /^1[1-9]\d\d\.\d µs/.test(width)));
+    await setSlider(page, "#second-outputs input", 0.5, 2);
+    await until("the third at half power", async () => /^(149\d|150\d)\.\d µs/.test((await widths())[2]));
+    await isRunning(page);
+    assert.match(await text(page, "#node-text"), /node 120/);
+    await trafficHas(page, "both nodes", /NodeStatus/);
+    await page.click("#second");
+    await until("none", async () => (await page.locator("#second-outputs .propeller").count()) === 0);
+    await isRunning(page);
+    return page;
+  },
+
   async "the view of the real bus shows the simulated one, and updates its node"(t) {
     const page = await open(t);
     await isRunning(page);

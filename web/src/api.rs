@@ -187,6 +187,14 @@ impl Simulation {
         Page::new(avr, wiring, *bit_rate, knows_vendor_code, autopilot).map(Simulation)
     }
 
+    /// Adds a second board with a program, whose outputs are four motors.
+    ///
+    /// # Errors
+    /// If the program has no motors, or its bus another bit rate.
+    pub fn add_second(&mut self, program: &Program) -> Result<(), String> {
+        text(self.0.add_second(&program.firmware, &program.wiring))
+    }
+
     /// The EEPROM of the board.
     pub fn eeprom(&mut self) -> Vec<u8> {
         self.0.world().board().avr().eeprom()

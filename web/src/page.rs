@@ -5,9 +5,9 @@
 
 use std::collections::VecDeque;
 
-use anyhow::{Context, Result, anyhow};
+use anyhow::{Context, Result, anyhow, ensure};
 use bench::autopilot::{Moves, Profile, Settings};
-use bench::avr::{Avr, State};
+use bench::avr::{Avr, Firmware, ResetCause, State};
 use bench::bus_log::{BusLog, Format};
 use bench::can::{BusStats, Record, RecordKind};
 use bench::dronecan::{
@@ -15,6 +15,7 @@ use bench::dronecan::{
 };
 use bench::fault::{ALL, Fault};
 use bench::mcp2515::Fate;
+use bench::node_ids::{self, CAN_NODE};
 use bench::script;
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ, elapsed, vendor_code};
@@ -35,6 +36,21 @@ const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 const LIGHT_ID: u8 = 0;
 /// Value of OUTn_TYPE for a motor.
 const MOTOR: u8 = 1;
+/// What the second board has saved: a quadcopter's motors.
+const SECOND: [(&str, i64); 11] = [
+    (CAN_NODE, 121),
+    ("OUT_COUNT", 4),
+    ("OUT1_TYPE", 1),
+    ("OUT1_ID", 0),
+    ("OUT2_TYPE", 1),
+    ("OUT2_ID", 1),
+    ("OUT3_TYPE", 1),
+    ("OUT3_ID", 2),
+    ("OUT4_TYPE", 1),
+    ("OUT4_ID", 3),
+    ("ESC_RATE", 400),
+];
+const SECOND_MOTORS: u8 = 4;
 /// Bus load is measured over this time.
 const LOAD_WINDOW: Cycles = F_CPU_HZ / 4;
 
@@ -60,6 +76,8 @@ pub struct Page {
     events: Vec<Json>,
     /// Start and width of the last pulse of each output.
     pulses: Vec<Option<(Cycles, Cycles)>>,
+    /// The same of the motors of the second board; empty without one.
+    second_pulses: Vec<Option<(Cycles, Cycles)>>,
     status: Option<(Cycles, NodeStatus)>,
     temperature_c: Option<f64>,
     /// Time of the line of the serial monitor with which the present failsafe began.
@@ -115,6 +133,7 @@ impl Page {
             next_number: 0,
             events: Vec::new(),
             pulses: vec![None; outputs],
+            second_pulses: Vec::new(),
             status: None,
             temperature_c: None,
             failsafe_at: None,
@@ -211,6 +230,11 @@ impl Page {
         }
         for (output, pulse) in happened.pulses {
             self.pulses[output] = Some((pulse.start, pulse.width_cycles));
+        }
+        for (output, pulse) in happened.second_pulses {
+            if let Some(last) = self.second_pulses.get_mut(output) {
+                *last = Some((pulse.start, pulse.width_cycles));
+            }
         }
         for (at, line) in happened.lines {
             // Several lines tell of one failsafe.
@@ -346,6 +370,7 @@ impl Page {
             "safe": autopilot.is_safe(),
         });
         let outputs = self.outputs(now);
+        let second = self.second(now);
         let stats = self.world.bench.bus().stats();
         let sensor_c = self.world.temperature_c();
         let active: Vec<_> = self.world.active_faults().iter().map(|fault| fault.name()).collect();
@@ -361,6 +386,7 @@ impl Page {
             "now": seconds(now),
             "autopilot": autopilot,
             "outputs": outputs,
+            "second": second,
             "light": board.light(),
             "has_light": board.wiring().light.is_some(),
             "has_button": board.wiring().button.is_some(),
@@ -397,7 +423,8 @@ impl Page {
     /// autopilot commands its motors.
     fn outputs(&mut self, now: Cycles) -> Json {
         let motors: Vec<_> = (0..self.pulses.len()).map(|output| self.motor(output)).collect();
-        let count = motors.iter().flatten().max().map_or(0, |last| last + 1);
+        let own = motors.iter().flatten().max().map_or(0, |last| last + 1);
+        let count = own.max(self.second_pulses.len() as u8);
         if self.world.autopilot.settings().motors != count {
             self.world.autopilot.set_motors(count, now);
         }
@@ -411,12 +438,47 @@ impl Page {
         let pins = std::iter::once(&wiring.servo).chain(&wiring.outputs);
         let states = self.pulses.iter().zip(motors).zip(commands);
         let outputs = pins.zip(states).map(|(pin, ((pulse, motor), command))| {
-            let pulse = pulse.filter(|(start, _)| now.saturating_sub(*start) <= PULSE_TIMEOUT);
-            let width_us = pulse.map(|(_, width)| micros(width));
-            let pin = pin.to_string();
+            let (pin, width_us) = (pin.to_string(), width_us(pulse, now));
             json!({"pin": pin, "width_us": width_us, "motor": motor, "command": command})
         });
         outputs.collect()
+    }
+
+    /// The same of the motors of the second board.
+    fn second(&self, now: Cycles) -> Json {
+        let autopilot = &self.world.autopilot;
+        let motors = (0..).zip(&self.second_pulses).map(|(motor, pulse)| {
+            let command = autopilot.motor_power(motor, now);
+            let width_us = width_us(pulse, now);
+            json!({"pin": "motor", "width_us": width_us, "motor": motor, "command": command})
+        });
+        motors.collect()
+    }
+
+    /// Adds a second board with a program of this project, whose outputs are four motors.
+    ///
+    /// # Errors
+    /// If the program has no motors, or its bus another bit rate.
+    pub fn add_second(&mut self, firmware: &Firmware, wiring: &Wiring) -> Result<()> {
+        let (bit_rate, own) = (self.world.bench.bus().bit_rate(), wiring.fastest_bit_rate());
+        ensure!(
+            bit_rate == own,
+            "the second board has {} kbit/s, and this bus {}",
+            own / 1000,
+            bit_rate / 1000
+        );
+        let powered = || -> Result<Avr> {
+            let mut avr = Avr::programmed(wiring.chip, firmware)?;
+            avr.seed(1);
+            avr.reset(ResetCause::PowerOn);
+            Ok(avr)
+        };
+        let eeprom = node_ids::saved(powered()?, wiring, bit_rate, &SECOND)?;
+        let mut avr = powered()?;
+        avr.set_eeprom(&eeprom.context("the program of the second board has no motors")?);
+        self.world.add_second(avr, wiring)?;
+        self.second_pulses = vec![None; SECOND_MOTORS.into()];
+        Ok(())
     }
 
     fn controller(&mut self) -> Json {
@@ -508,6 +570,12 @@ fn mark(at: Cycles, text: &str) -> Json {
 
 fn seconds(cycles: Cycles) -> f64 {
     cycles as f64 / F_CPU_HZ as f64
+}
+
+/// Width of the last pulse in microseconds; `None` if there is none any more.
+fn width_us(pulse: &Option<(Cycles, Cycles)>, now: Cycles) -> Option<f64> {
+    let (_, width) = pulse.filter(|(start, _)| now.saturating_sub(*start) <= PULSE_TIMEOUT)?;
+    Some(micros(width))
 }
 
 fn micros(cycles: Cycles) -> f64 {

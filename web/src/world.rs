@@ -43,6 +43,8 @@ pub struct Happened {
     pub records: Vec<(Record, Option<String>)>,
     /// Pulses that ended, and the index of their output: 0 is the servo on Timer1.
     pub pulses: Vec<(usize, Pulse)>,
+    /// The same of the second board.
+    pub second_pulses: Vec<(usize, Pulse)>,
     /// Lines of the serial monitor, and the times of their ends.
     pub lines: Vec<(Cycles, String)>,
     pub transactions: Vec<Transaction>,
@@ -96,6 +98,8 @@ struct Recording {
 pub struct World {
     pub bench: Bench,
     node: usize,
+    /// Number of the second board, if there is one.
+    second: Option<usize>,
     pub autopilot: Autopilot,
     autopilot_port: PortId,
     pub client: Client,
@@ -138,6 +142,7 @@ impl World {
         Ok(World {
             bench,
             node,
+            second: None,
             autopilot,
             autopilot_port,
             client,
@@ -166,6 +171,15 @@ impl World {
     /// The node's board.
     pub fn board(&mut self) -> &mut Board {
         self.bench.board(self.node)
+    }
+
+    /// Adds a second board to the bus.
+    ///
+    /// # Errors
+    /// If the wiring is impossible.
+    pub fn add_second(&mut self, avr: Avr, wiring: &Wiring) -> Result<()> {
+        self.second = Some(self.bench.add_board(Board::wired(avr, wiring)?, "second node"));
+        Ok(())
     }
 
     /// The node's port on the bus.
@@ -333,6 +347,7 @@ impl World {
     }
 
     fn collect(&mut self) {
+        self.collect_from_second();
         for record in self.bench.bus().take_records() {
             use bench::can::RecordKind::{ErrorFrame, Frame};
             let (Frame { from, .. } | ErrorFrame { from, .. }) = record.kind;
@@ -348,11 +363,7 @@ impl World {
             let hints = findings.check(board, bit_rate).into_iter();
             self.happened.hints.extend(hints.map(|hint| (now, hint)));
         }
-        let servo = board.take_servo_pulses().into_iter().map(|pulse| (0, pulse));
-        let outputs = board.take_output_pulses().into_iter().enumerate();
-        let outputs =
-            outputs.flat_map(|(at, pulses)| pulses.into_iter().map(move |pulse| (at + 1, pulse)));
-        self.happened.pulses.extend(servo.chain(outputs));
+        take_pulses(board, &mut self.happened.pulses);
         let mistakes = board.take_violations().into_iter();
         self.happened.mistakes.extend(
             mistakes.map(|mistake| (mistake.at, format!("{}: {}", mistake.source, mistake.text))),
@@ -373,6 +384,19 @@ impl World {
                 _ => {}
             }
         }
+    }
+
+    /// What the second board did. Its serial monitor is not shown.
+    fn collect_from_second(&mut self) {
+        let Some(second) = self.second else { return };
+        let board = self.bench.board(second);
+        take_pulses(board, &mut self.happened.second_pulses);
+        for mistake in board.take_violations() {
+            let text = format!("second node: {}: {}", mistake.source, mistake.text);
+            self.happened.mistakes.push((mistake.at, text));
+        }
+        board.avr_mut().serial_take();
+        board.chip().borrow_mut().take_frame_log();
     }
 
     /// Adds a character to the line of the serial monitor.
@@ -397,5 +421,13 @@ impl World {
             let end = character.start + u64::from(character.bits) * character.cycles_per_bit;
             self.happened.lines.push((end, std::mem::take(&mut self.line)));
         }
+    }
+}
+
+/// Adds the pulses of each output: 0 is the servo on Timer1.
+fn take_pulses(board: &mut Board, pulses: &mut Vec<(usize, Pulse)>) {
+    pulses.extend(board.take_servo_pulses().into_iter().map(|pulse| (0, pulse)));
+    for (output, taken) in board.take_output_pulses().into_iter().enumerate() {
+        pulses.extend(taken.into_iter().map(|pulse| (output + 1, pulse)));
     }
 }

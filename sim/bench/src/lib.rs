@@ -18,6 +18,7 @@ pub mod firmware;
 pub mod i2c;
 pub mod inject;
 pub mod lm35;
+pub mod node_ids;
 pub mod pins;
 pub mod script;
 pub mod shaft;

@@ -17,7 +17,6 @@ use super::state::{AutopilotState, Controller, Event, State};
 use crate::fault::{Fault, Injection};
 use crate::links::Link;
 use crate::links::script::{BenchEvent, RPM_MAX, Script};
-use crate::node_ids;
 use crate::pins::Watched;
 use crate::usage::OrUsage;
 use anyhow::{Context, Result};
@@ -30,6 +29,7 @@ use bench::dronecan::text::visible;
 use bench::i2c;
 use bench::inject::{Injector, Target};
 use bench::mcp2515::Fate;
+use bench::node_ids::{self, CAN_NODE};
 use bench::pins::Setting;
 use bench::wiring::Wiring;
 use bench::{Bench, node_elf};
@@ -159,8 +159,10 @@ impl Scene {
             let seed = number as u64;
             let mut avr = powered(firmware, seed)?;
             let id = node_ids::id_of(number - 2).filter(|_| can_have_ids);
-            let saved =
-                id.map(|id| node_ids::saved(powered(firmware, seed)?, &wiring, bit_rate, id));
+            let saved = id.map(|id| {
+                let parameters = [(CAN_NODE, id.into())];
+                node_ids::saved(powered(firmware, seed)?, &wiring, bit_rate, &parameters)
+            });
             match saved.transpose()?.flatten() {
                 Some(cells) => avr.set_eeprom(&cells),
                 None => have_own_ids = false,

@@ -12,10 +12,10 @@ import { Faults } from "./faults";
 import { type Link, fromHash, toHash } from "./link";
 import { Marks } from "./marks";
 import { Monitor } from "./monitor";
-import { Outputs } from "./outputs";
+import { type Hold, Outputs } from "./outputs";
 import { Parameters } from "./parameters";
 import { Plots } from "./plots";
-import { type Choice, PROGRAMS, nameOfEeprom } from "./programs";
+import { type Choice, PROGRAMS, SECOND, nameOfEeprom } from "./programs";
 import { RealBoard } from "./real-board";
 import { RealBusView } from "./real-bus";
 import { SimulatedPort } from "./simulated-port";
@@ -79,6 +79,7 @@ class Page {
   private behind = false;
   private speed = { at: 0, simulated: 0, factor: 1 };
   private drawnAt = 0;
+  private restDrawnAt = 0;
   /** Simulated time at which the recording of the wires ends; null without one. */
   private recordedTo: number | null = null;
   /** True while a slider holds an output. */
@@ -109,14 +110,18 @@ class Page {
   private readonly plots = new Plots(this.marks);
   private readonly detail = new Detail("");
   private readonly timeline = new Timeline("", LANES, this.marks, (number) => this.showFrame(number));
-  private readonly outputs = new Outputs(byId("outputs"), (output, motor, command) => {
+  private readonly hold: Hold = (output, motor, command) => {
     this.isHeld = true;
     if (motor === null) {
       this.simulation.hold(output, command);
     } else {
       this.simulation.hold_motor(motor, command);
     }
-  });
+  };
+  private readonly outputs = new Outputs(byId("outputs"), this.hold);
+  /** True if there is a second board. */
+  private hasSecond = false;
+  private readonly second = new Outputs(byId("second-outputs"), this.hold);
   private readonly parameters = new Parameters("", (name, text) => {
     this.simulation.write_parameter(name, text);
     // A link has numbers.
@@ -158,6 +163,9 @@ class Page {
       }
       const eeprom = kept(nameOfEeprom(choice), program.eeprom());
       next = new Simulation(program, choice.loader ?? NO_LOADER, eeprom, choice.autopilot);
+      if (this.hasSecond) {
+        next.add_second(Program.parse(SECOND, "{}"));
+      }
     } catch (error) {
       this.notice(`${choice.name} cannot run here: ${String(error)}`);
       this.showChoice();
@@ -363,9 +371,19 @@ class Page {
   private show(time: number) {
     const { snapshot } = this;
     this.outputs.show(snapshot.outputs);
+    this.second.show(snapshot.second);
+    this.plots.add(snapshot);
+    // Arms and propellers move; for the others a third of the pictures are enough.
+    if (time - this.restDrawnAt >= 3 * DRAW_MS) {
+      this.restDrawnAt = time;
+      this.showRest(time);
+    }
+  }
+
+  private showRest(time: number) {
+    const { snapshot } = this;
     this.showAllOutputs();
     this.timeline.draw(snapshot.now);
-    this.plots.add(snapshot);
     this.plots.draw(snapshot.now);
     this.parameters.show(snapshot.client);
     this.faults.show(snapshot.faults);
@@ -519,6 +537,13 @@ class Page {
     click("save", () => {
       this.unsaved.clear();
       this.simulation.save_parameters();
+    });
+    click("second", () => {
+      this.hasSecond = !this.hasSecond;
+      this.reboot();
+      // Without one if this bus cannot have it.
+      this.hasSecond = this.snapshot.second.length > 0;
+      setPressed(byId("second"), this.hasSecond);
     });
     click("all-outputs", () => {
       if (this.snapshot.autopilot.armed) {

@@ -21,6 +21,9 @@ export interface Choice {
   keptAs?: string;
 }
 
+/** The program of the second board. */
+export const SECOND = motors;
+
 export const PROGRAMS: Choice[] = [
   { name: "Uno: full, eight outputs", bytes: uno, loader: unoLoader, autopilot: "ardupilot" },
   { name: "Uno: four motors at 400 Hz", bytes: motors, autopilot: "ardupilot" },

@@ -40,6 +40,8 @@ export interface Snapshot {
     safe: boolean;
   };
   outputs: Output[];
+  /** Those of the second board; empty without one. */
+  second: Output[];
   light: number;
   has_light: boolean;
   has_button: boolean;

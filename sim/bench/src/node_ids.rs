@@ -1,16 +1,17 @@
-//! Node IDs of further boards. Each board with this project's firmware gets an ID of its own before
-//! the run, over a bus of its own: the ID is written and saved as a tool would do it.
+//! Node IDs, and other parameters, of further boards. Each board with this project's firmware gets
+//! an ID of its own before the run, over a bus of its own: it is written and saved as a tool would
+//! do it.
 
-use anyhow::Result;
-use bench::avr::Avr;
-use bench::board::Board;
-use bench::can::{Frame, Id, SoftNode};
-use bench::dronecan::{
+use crate::avr::Avr;
+use crate::board::Board;
+use crate::can::{Frame, Id, SoftNode};
+use crate::dronecan::{
     CanId, Decoded, Message, NodeId, Observation, Observer, Opcode, ParameterRequest, TransferId,
     Value, frames,
 };
-use bench::wiring::Wiring;
-use bench::{Bench, Cycles, F_CPU_HZ, elapsed};
+use crate::wiring::Wiring;
+use crate::{Bench, Cycles, F_CPU_HZ, elapsed};
+use anyhow::Result;
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -23,7 +24,7 @@ const SMALLEST: u8 = 11;
 /// Node ID of the tool: the last two are for debuggers and the like.
 const TOOL: u8 = 127;
 /// The parameter with the node ID.
-const PARAMETER: &[u8] = b"CAN_NODE";
+pub const CAN_NODE: &str = "CAN_NODE";
 const PRIORITY: u8 = 30;
 /// Longest start of a node, with an allowance. A first start makes the unique ID.
 const START_MAX: Cycles = 4 * F_CPU_HZ;
@@ -38,25 +39,21 @@ pub fn id_of(number: usize) -> Option<u8> {
     (DEFAULT + 1..=LARGEST).chain((SMALLEST..DEFAULT).rev()).nth(number)
 }
 
-/// Starts the node and saves `id` as its node ID. Returns the content of its EEPROM; `None` if the
-/// program does not know the parameter, or does not answer.
+/// Starts the node and saves parameters: names and values. Returns the content of its EEPROM;
+/// `None` if the program does not know a parameter or accept its value, or does not answer.
 ///
 /// # Errors
 /// If the wiring is impossible.
-pub fn saved(avr: Avr, wiring: &Wiring, bit_rate: u32, id: u8) -> Result<Option<Vec<u8>>> {
+pub fn saved(
+    avr: Avr,
+    wiring: &Wiring,
+    bit_rate: u32,
+    parameters: &[(&str, i64)],
+) -> Result<Option<Vec<u8>>> {
     let mut tool = Tool::new(Board::wired(avr, wiring)?, bit_rate);
-    let set = ParameterRequest {
-        value: Value::Integer(id.into()),
-        name: PARAMETER.to_vec(),
-        ..ParameterRequest::default()
-    };
-    let is_set = |answer: &Message| match answer {
-        Message::ParameterResponse(response) => response.value == set.value,
-        _ => false,
-    };
     let has_saved = |answer: &Message| *answer == Message::OpcodeExecuted(true);
     let works = tool.receive(START_MAX, |message| matches!(message, Message::NodeStatus(_)))
-        && tool.ask(&Message::ParameterRequest(set.clone()), is_set)
+        && parameters.iter().all(|(name, value)| tool.set(name, *value))
         && tool.ask(&Message::ExecuteOpcode(Opcode::SAVE), has_saved);
     Ok(works.then(|| tool.bench.board(0).avr().eeprom()))
 }
@@ -92,6 +89,20 @@ impl Tool {
             }
         }
         false
+    }
+
+    /// Sets a parameter of the node. True if the node answers with this value.
+    fn set(&mut self, name: &str, value: i64) -> bool {
+        let value = Value::Integer(value);
+        let set = ParameterRequest {
+            value: value.clone(),
+            name: name.into(),
+            ..ParameterRequest::default()
+        };
+        self.ask(&Message::ParameterRequest(set), |answer| match answer {
+            Message::ParameterResponse(response) => response.value == value,
+            _ => false,
+        })
     }
 
     /// Sends a request to the node. True if its answer satisfies `is_wanted`.
