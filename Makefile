@@ -181,7 +181,8 @@ stable: ## the published crates with a stable Rust and the oldest that they prom
 	set -e; for rust in 1.88 stable; do cargo +$$rust check --locked $(addprefix -p ,$(PUBLISHED)) -p dronecan-host; done
 	RUSTDOCFLAGS="-D warnings" cargo +stable doc --locked --no-deps --all-features $(addprefix -p ,$(PUBLISHED)) -p dronecan-host
 
-# The unit tests of the node need no simulator. Each feature is in one of these sets.
+# The unit tests of the node need no simulator. Each feature is in one of these sets; what no feature
+# changes and takes long runs in one.
 PRESETS := default full thesis escs,masks,relay,rpm,tunnel,values
 # The board of the tests.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
@@ -190,7 +191,7 @@ ON_CORE := NODE_PROCESSOR='$(or $(PROCESSOR),own)'
 test-library:
 	@set -e; for features in $(PRESETS); do \
 		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; \
-		echo "cargo test $$options"; $(ON_BOARD) nice cargo test $$options; \
+		echo "cargo test $$options"; $(ON_BOARD) nice cargo test $$options -- $$(test $$features = full || echo --skip trust::tests::simulation); \
 	done
 # They run the programs in target/firmware. TEST_FILES= chooses files of tests/boards.
 BOARD_TESTS = nice cargo test -p tests -p bridge --test boards --
