@@ -319,6 +319,8 @@ bounds-page: shipped ## what "make bounds" proves, beside what the simulator obs
 	@scripts/boot
 	@scripts/boot $(UNO)
 	cargo bench --bench bounds
+speeds: firmware sim-program web-page ## measure how fast sim and the page run, and write it to docs/bench.md
+	@scripts/speeds
 budget: setup-build ## build every preset and feature, and write their sizes to docs/budget.md
 	@scripts/budget-page
 wiring: ## write docs/wiring.md and the drawings of the documents, from avr-specs
