@@ -212,7 +212,7 @@ impl<'a, 'b> Timing<'a, 'b> {
             kind: entry.kind,
             summary: summary.clone(),
             order: self.order(entry, summary),
-            pending: BTreeMap::from([(at, (state, clocks))]),
+            pending: BTreeMap::from([(at, Box::new((state, clocks)))]),
             time: Time {
                 exit: None,
                 ended: vec![None; self.watches.len()],
@@ -261,7 +261,8 @@ impl<'a, 'b> Timing<'a, 'b> {
     }
 
     pub(crate) fn instruction(&mut self, run: &mut Run, at: u32) -> Result<()> {
-        let Some((state, mut clocks)) = run.pending.remove(&at) else { return Ok(()) };
+        let Some(pending) = run.pending.remove(&at) else { return Ok(()) };
+        let (state, mut clocks) = *pending;
         self.steps += 1;
         if self.steps > STEPS {
             bail!("{}: the rounds of the loops are too many to follow", self.program().place(at));

@@ -109,8 +109,8 @@ pub struct Run {
     pub summary: Rc<Summary>,
     /// Its parts.
     pub order: Rc<Order>,
-    /// The instructions that come next.
-    pub pending: BTreeMap<u32, (State, Clocks)>,
+    /// The instructions that come next. Boxed: a state has a kilobyte, which the map would move.
+    pub pending: BTreeMap<u32, Box<(State, Clocks)>>,
     /// Its times.
     pub time: Time,
     /// Loops without a bound are noted, and not errors.
@@ -161,13 +161,13 @@ impl Run {
 
     /// Adds a path to an instruction.
     pub fn reach(&mut self, to: u32, state: State, clocks: Clocks) -> Result<()> {
-        match self.pending.get_mut(&to) {
+        match self.pending.get_mut(&to).map(Box::as_mut) {
             Some((known, longest)) => {
                 known.join(&state)?;
                 longest.join(&clocks);
             }
             None => {
-                self.pending.insert(to, (state, clocks));
+                self.pending.insert(to, Box::new((state, clocks)));
             }
         }
         Ok(())

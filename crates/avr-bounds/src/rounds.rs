@@ -58,7 +58,9 @@ impl<'a> Timing<'a, '_> {
         {
             return self.open(run, inner, annotation, until);
         }
-        let Some((state, clocks)) = run.pending.get_mut(&inner.head) else { return Ok(()) };
+        let Some((state, clocks)) = run.pending.get_mut(&inner.head).map(Box::as_mut) else {
+            return Ok(());
+        };
         if let Some((rounds, cycles)) =
             countdown::skip(self.analysis.program, &self.analysis.interference, inner, state)
         {
@@ -76,7 +78,7 @@ impl<'a> Timing<'a, '_> {
                 run.pending.remove(&inner.head);
                 return Ok(());
             }
-            if let Some((state, clocks)) = run.pending.get(&inner.head) {
+            if let Some((state, clocks)) = run.pending.get(&inner.head).map(Box::as_ref) {
                 rounds.previous = Some((state.clone(), clocks.total));
                 let cycles = clocks.total.saturating_sub(rounds.begin);
                 let bound = Bound { number: rounds.number, rounds: round, cycles };
@@ -128,7 +130,7 @@ impl<'a> Timing<'a, '_> {
     fn begin<'l>(&self, run: &Run, inner: &'l Loop, most: Option<u32>) -> Rounds<'l> {
         let function = self.analysis.program.function_name(inner.head);
         let number = number(run, inner);
-        let pending = run.pending.get(&inner.head);
+        let pending = run.pending.get(&inner.head).map(Box::as_ref);
         Rounds {
             inner,
             function,
@@ -150,7 +152,9 @@ impl<'a> Timing<'a, '_> {
     /// True if a further round must be followed.
     fn goes_on(&mut self, run: &mut Run, rounds: &mut Rounds<'_>, round: u32) -> Result<bool> {
         let head = rounds.inner.head;
-        let Some((state, clocks)) = run.pending.get_mut(&head) else { return Ok(false) };
+        let Some((state, clocks)) = run.pending.get_mut(&head).map(Box::as_mut) else {
+            return Ok(false);
+        };
         let Some((before, total)) = rounds.previous.take() else { return Ok(false) };
         let cycles = clocks.total.saturating_sub(total);
         let is_too_long = self.steps - rounds.steps > MOST_STEPS
@@ -205,16 +209,18 @@ impl<'a> Timing<'a, '_> {
     /// Follows an endless loop, from the state that is true in each of its rounds. A stretch can
     /// last from one round to the next.
     fn endless(&mut self, run: &mut Run, inner: &Loop) -> Result<()> {
-        let Some((_, mut clocks)) = run.pending.remove(&inner.head) else { return Ok(()) };
+        let Some(pending) = run.pending.remove(&inner.head) else { return Ok(()) };
+        let mut clocks = pending.1;
         let state = any_round(&run.summary, inner.head)?;
         // What follows the loop has no time since the entry of the function.
         let opens = u32::from(run.has_exit(inner));
         for round in 0.. {
             (clocks.looked, clocks.opens) = (Looked::at_entry(), opens);
             clocks.begin_turn();
-            run.pending.insert(inner.head, (state.clone(), clocks.clone()));
+            run.pending.insert(inner.head, Box::new((state.clone(), clocks.clone())));
             self.round(run, inner)?;
-            let Some((_, after)) = run.pending.remove(&inner.head) else { return Ok(()) };
+            let Some(pending) = run.pending.remove(&inner.head) else { return Ok(()) };
+            let after = pending.1;
             keep_longer(run.through.entry(inner.head).or_default(), &after.through);
             let of_kinds = after.of_kinds.iter().copied().collect();
             keep_longer(run.of_kinds.entry(inner.head).or_default(), &of_kinds);
@@ -269,14 +275,16 @@ impl<'a> Timing<'a, '_> {
         annotation: &annotations::Loop,
         until: &str,
     ) -> Result<()> {
-        let Some((_, mut clocks)) = run.pending.remove(&inner.head) else { return Ok(()) };
+        let Some(pending) = run.pending.remove(&inner.head) else { return Ok(()) };
+        let mut clocks = pending.1;
         let state = any_round(&run.summary, inner.head)?;
         clocks.open();
         let mut cycles = 0;
         for round in 0.. {
-            run.pending.insert(inner.head, (state.clone(), clocks.clone()));
+            run.pending.insert(inner.head, Box::new((state.clone(), clocks.clone())));
             self.round(run, inner)?;
-            let Some((_, after)) = run.pending.remove(&inner.head) else { break };
+            let Some(pending) = run.pending.remove(&inner.head) else { break };
+            let after = pending.1;
             let is_bounded = after.total != u32::MAX;
             cycles = if is_bounded { cycles.max(after.total - clocks.total) } else { u32::MAX };
             if annotation.is_turn {
