@@ -205,11 +205,11 @@ ON_UNO := bounds::it_is_proved budget:: full_bus:: restart:: servo::
 test-uno: firmwares third-party test-programs
 	NODE_BOARD=uno NODE_SHIELD=seeed $(BOARD_TESTS) $(ON_UNO)
 test-bounds: test-programs firmwares
-	scripts/bounds $(SHIPPED)
-	scripts/bounds $(UNO) full default escs outputs,rpm
-	scripts/bounds --boot
-	scripts/bounds $(UNO) --boot
-	cargo test -p tests -p bridge --test judge -- --nocapture
+	nice scripts/bounds $(SHIPPED)
+	nice scripts/bounds $(UNO) full default escs outputs,rpm
+	nice scripts/bounds --boot
+	nice scripts/bounds $(UNO) --boot
+	nice cargo test -p tests -p bridge --test judge -- --nocapture
 test-clients: test-programs firmwares $(VENV)/gui $(TOOLS)/bin/ravedude
 	$(VENV)/bin/python -m pytest -q -n 4 --dist loadfile -m '$(or $(CLIENTS),not long)' tests/clients
 pages: firmwares
