@@ -93,6 +93,17 @@ const readParameters = async (page) => {
   await until("all parameters are read", async () => /parameters read/.test(await text(page, "#client")));
 };
 
+/** Chooses a command in the list, in one step: the list moves on. */
+const chooseCommand = (page) =>
+  until("a command in the list", () =>
+    page.evaluate(() => {
+      const rows = [...document.querySelectorAll("#traffic button")];
+      const row = rows.find(({ textContent }) => textContent.includes("ArrayCommand"));
+      row?.click();
+      return row !== undefined;
+    }),
+  );
+
 const DIECIMILA = "Diecimila: default";
 
 /** What the page says of each pattern. */
@@ -490,15 +501,7 @@ const tests = {
   async "a frame shows its bits and the transaction that fetched it"(t) {
     const page = await open(t);
     await isRunning(page);
-    // In one step: the list moves on.
-    await until("a command in the list", () =>
-      page.evaluate(() => {
-        const rows = [...document.querySelectorAll("#traffic button")];
-        const row = rows.find(({ textContent }) => textContent.includes("ArrayCommand"));
-        row?.click();
-        return row !== undefined;
-      }),
-    );
+    await chooseCommand(page);
     assert.match(await text(page, "#frame-title"), /autopilot: .*ArrayCommand.*bits/);
     const label = await page.locator("#scope").getAttribute("aria-label");
     assert.match(label, /bits of .* stuff bits/);
@@ -508,7 +511,7 @@ const tests = {
     }
     assert.match(fields, /data byte 1\s+0x[0-9a-f]{2}\s/, "numbered bytes of two digits");
     await until("the transaction", async () => {
-      await page.locator("#traffic button", { hasText: "ArrayCommand" }).first().click();
+      await chooseCommand(page);
       return /READ RX BUFFER/.test(await text(page, "#spi"));
     });
     return page;
