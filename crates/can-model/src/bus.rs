@@ -1,8 +1,9 @@
 //! The wire: combines the levels that the stations drive, applies the faults, and returns the
 //! result to the stations.
 //!
-//! While a frame is in progress, bits are stepped one by one. Idle bits are skipped up to the first
-//! in which a station has something to send.
+//! Bits are stepped one by one, but for those in which nothing can happen: idle bits are skipped up
+//! to the first in which a station has something to send, and a frame that has one sender and no
+//! fault is stepped at once up to its ACK slot (`stretch`).
 //!
 //! # Order of calls
 //! The caller that runs the AVRs reads [`Bus::horizon`], runs them up to there, then calls
@@ -18,6 +19,8 @@
 //! While a station has another bit rate, a bit is divided into events: the bus's bit begins, is
 //! sampled, ends; the station's bit is sampled, ends and begins again. They are executed in the
 //! order of their times, in picoseconds. The horizon is the next of them.
+
+mod stretch;
 
 use super::bit_clock::{BitClock, PS_PER_CYCLE};
 use super::fault::{BitContext, Distortion, Fault, Faults};
@@ -139,6 +142,9 @@ impl Bus {
         if self.mixed || self.open.is_some() {
             return self.next_event().0.div_ceil(PS_PER_CYCLE);
         }
+        if let Some(bits) = self.stretch_bits() {
+            return self.clock.after(bits + 1);
+        }
         let bits = self.idle_bits(IDLE_HORIZON_BITS);
         self.clock.after((bits + 1).min(IDLE_HORIZON_BITS))
     }
@@ -157,7 +163,7 @@ impl Bus {
                 return;
             }
             self.update_paces();
-            if self.mixed || self.skip_idle(t) {
+            if self.mixed || self.skip_idle(t) || self.run_stretch(t) {
                 continue;
             }
             self.step_bit();

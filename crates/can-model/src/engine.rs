@@ -300,6 +300,27 @@ impl Engine {
         }
     }
 
+    /// True if this engine, which gets each bit of the wire, is in the same frame as `other`, and
+    /// nothing but the frame's bits decides what it does up to the ACK slot.
+    pub(super) fn follows(&self, other: &Engine) -> bool {
+        self.state == State::Frame && !self.may_join && self.parser == other.parser
+    }
+
+    /// The frame being sent, and the number of its bits that are over.
+    pub(super) fn sent(&self) -> Option<(WireBits, u8)> {
+        self.sending.map(|sending| (sending.bits, sending.at))
+    }
+
+    /// Passes this number of bits, which is not 0, after which the parser is that of `other`.
+    pub(super) fn follow(&mut self, other: &Engine, bits: u8) {
+        self.parser = other.parser;
+        self.driven = Level::Recessive;
+        if let Some(sending) = &mut self.sending {
+            sending.at += bits;
+            self.driven = sending.bits.get(sending.at - 1);
+        }
+    }
+
     fn begin_sending(&mut self, frame: &Frame, at: u8) -> Level {
         let bits = WireBits::of(frame);
         self.sending = Some(Sending { frame: *frame, bits, at: at + 1 });

@@ -51,7 +51,7 @@ pub(super) enum Step {
 }
 
 /// A frame in progress.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
 pub(super) struct Parser {
     field: Field,
     /// Number of bits that are missing in `field`.

@@ -122,6 +122,11 @@ impl Recorder {
         }
     }
 
+    /// The engine that receives each bit of the wire.
+    pub fn observer(&self) -> &Engine {
+        &self.observer
+    }
+
     /// True if no frame is in progress.
     pub fn is_idle(&self) -> bool {
         self.observer.is_idle()

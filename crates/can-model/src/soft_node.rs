@@ -169,4 +169,8 @@ impl Station for SoftNode {
     }
 
     fn skip_idle(&mut self, _bits: u64) {}
+
+    fn follower(&mut self) -> Option<&mut Engine> {
+        Some(&mut self.engine)
+    }
 }

@@ -1,5 +1,6 @@
 //! The interface between a node and the bus.
 
+use super::engine::Engine;
 use super::wire::Level;
 use sim_base::Cycles;
 use std::cell::RefCell;
@@ -33,6 +34,13 @@ pub trait Station {
     /// Notes that this number of recessive bits was skipped. Called only after `quiet` returned
     /// true.
     fn skip_idle(&mut self, bits: u64);
+
+    /// The station's engine, if up to the ACK slot of the frame on the wire `drive` and `sample`
+    /// would do nothing but call it. Then the bus may step many bits of the frame at once, without
+    /// these calls. `None`: each bit is a call.
+    fn follower(&mut self) -> Option<&mut Engine> {
+        None
+    }
 }
 
 /// A station shared between the bus and its owner. Neither may hold a borrow across a call of the

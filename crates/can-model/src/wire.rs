@@ -174,6 +174,11 @@ impl WireBits {
         self.len
     }
 
+    /// Number of the bits before the ACK slot.
+    pub fn ack_slot(&self) -> u8 {
+        self.len - EOF_BITS - 2
+    }
+
     pub fn get(&self, at: u8) -> Level {
         Level::from_bit(self.words[usize::from(at / WORD_BITS)] >> (at % WORD_BITS) & 1 != 0)
     }

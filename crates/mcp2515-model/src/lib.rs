@@ -65,6 +65,7 @@ pub struct Mcp2515 {
     registers: [u8; registers::SIZE],
     spi: spi::Spi,
     can: Engine,
+    leaving: Option<station::Leaving>,
     mode: Mode,
     request: Option<modes::Request>,
     /// The mode that begins when the engine has received 11 recessive bits.
@@ -100,6 +101,7 @@ impl Mcp2515 {
             registers: std::array::from_fn(|address| registers::power_up_noise(address as u8)),
             spi: spi::Spi::default(),
             can: Engine::new(),
+            leaving: None,
             mode: Mode::Configuration,
             request: None,
             joining: None,

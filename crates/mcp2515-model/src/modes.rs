@@ -279,6 +279,7 @@ impl Mcp2515 {
 
     /// A reset by pin or by instruction (9.0).
     pub(super) fn reset(&mut self, at: Cycles) {
+        self.leave_bus(at);
         for n in 0..2 {
             self.rx_flag_cleared(n, at);
         }

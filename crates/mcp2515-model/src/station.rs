@@ -1,18 +1,35 @@
 //! The chip on the bus: steps the engine bit by bit, and updates the registers with its events.
 //!
 //! The bus may lag behind the SPI side by up to its horizon. So requests have the time of their SPI
-//! byte, and have no effect on a bit that began earlier.
+//! byte, and have no effect on a bit that began earlier. A reset in a frame has its effect on the
+//! SPI side at once, and the frame goes on with the old engine ([`Leaving`]) up to that time.
 //!
 //! Source: DS20001801J sections 3 (Figure 3-1), 6, 7.4, 10.
 
 use super::registers::int;
 use super::transmit::Failure;
 use super::{Mcp2515, Mode};
-use can_model::{Event, Level, Station};
+use can_model::{Engine, Event, Level, Station};
 use sim_base::Cycles;
+
+/// The engine of a chip that was reset while a frame was on the bus, which has not come to the time
+/// of the reset yet.
+#[derive(Debug)]
+pub(super) struct Leaving {
+    engine: Engine,
+    bit_ps: Option<u64>,
+    /// The time of the reset.
+    until: Cycles,
+}
 
 impl Station for Mcp2515 {
     fn drive(&mut self, at: Cycles) -> Level {
+        if let Some(leaving) = &mut self.leaving
+            && at < leaving.until
+        {
+            return leaving.engine.drive(None);
+        }
+        self.leaving = None;
         self.catch_up(at);
         self.join_bus(at);
         if self.joining.is_some() {
@@ -30,6 +47,10 @@ impl Station for Mcp2515 {
     }
 
     fn sample(&mut self, level: Level, at: Cycles) {
+        if let Some(leaving) = &mut self.leaving {
+            leaving.engine.sample(level);
+            return;
+        }
         if self.joining.is_some() {
             self.can.sample(level);
             self.finish_joining();
@@ -57,7 +78,8 @@ impl Station for Mcp2515 {
     }
 
     fn quiet(&self, at: Cycles) -> bool {
-        if self.joining.is_some()
+        if self.leaving.is_some()
+            || self.joining.is_some()
             || self.waking_until.is_some_and(|until| until <= at)
             || self.is_mode_change_due(at)
         {
@@ -71,11 +93,17 @@ impl Station for Mcp2515 {
     }
 
     fn transmitting(&self) -> bool {
+        if let Some(leaving) = &self.leaving {
+            return leaving.engine.transmitting();
+        }
         self.mode != Mode::Loopback && self.can.transmitting()
     }
 
     /// In sleep the chip monitors the bus; in configuration mode it is off.
     fn bit_time_ps(&self) -> Option<u64> {
+        if let Some(leaving) = &self.leaving {
+            return leaving.bit_ps;
+        }
         let off = self.mode == Mode::Configuration && self.request.is_none();
         (!off).then(|| {
             let cnf = self.cnf();
@@ -88,9 +116,30 @@ impl Station for Mcp2515 {
 
     /// A quiet chip does not count idle bits.
     fn skip_idle(&mut self, _bits: u64) {}
+
+    fn follower(&mut self) -> Option<&mut Engine> {
+        let is_steady = matches!(self.mode, Mode::Normal | Mode::ListenOnly)
+            && self.leaving.is_none()
+            && self.joining.is_none()
+            && self.request.is_none()
+            && self.waking_until.is_none();
+        is_steady.then_some(&mut self.can)
+    }
 }
 
 impl Mcp2515 {
+    /// A reset at `at`: the bus, which may lag behind, goes on with the engine of before up to
+    /// then.
+    pub(super) fn leave_bus(&mut self, at: Cycles) {
+        let is_on_the_bus = matches!(self.mode, Mode::Normal | Mode::ListenOnly);
+        if self.leaving.is_none() && is_on_the_bus && self.joining.is_none() && !self.can.is_idle()
+        {
+            let bit_ps = self.bit_time_ps();
+            let engine = self.can.clone();
+            self.leaving = Some(Leaving { engine, bit_ps, until: at });
+        }
+    }
+
     /// Offers the next frame to the engine, and notes if the engine begins to send it.
     fn drive_engine(&mut self, at: Cycles) -> Level {
         let candidate = self.next_to_send(at);

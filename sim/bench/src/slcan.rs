@@ -19,7 +19,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use crate::can::{ErrorState, Event, Frame, Level, SoftNode, Station};
+use crate::can::{Engine, ErrorState, Event, Frame, Level, SoftNode, Station};
 use crate::dronecan::slcan::{self, Command, Lines};
 use crate::{Bench, Cycles, F_CPU_HZ};
 
@@ -116,6 +116,10 @@ impl Station for Place {
         if let Some(node) = &mut self.node {
             node.skip_idle(bits);
         }
+    }
+
+    fn follower(&mut self) -> Option<&mut Engine> {
+        self.node.as_mut()?.follower()
     }
 }
 

@@ -110,18 +110,35 @@ fn the_totals_count_frames_and_busy_bits() {
     assert!((load - f64::from(command + other) / 1_000.0).abs() < 1e-9);
 }
 
-/// One bit while a frame is in progress, 32 bits on an idle bus.
+/// On an idle bus 32 bits; in a frame the bits up to the ACK slot, and then one.
 #[test]
-fn the_horizon_is_one_bit_on_a_busy_bus_and_32_on_an_idle_one() {
+fn the_horizon_ends_with_the_first_bit_in_which_something_can_happen() {
     let mut rig = Rig::of(2);
     let now = rig.bus.now();
     assert_eq!(rig.bus.horizon(), now + 32 * BIT);
     rig.send(0, frame("123#"));
     assert_eq!(rig.bus.horizon(), now + BIT, "the SOF must be stepped next");
     rig.run_bits(10);
+    let ack_slot = bits_of(&frame("123#")).ack_slot;
+    assert_eq!(rig.bus.horizon(), now + (ack_slot + 1) * BIT);
+    rig.run_bits(ack_slot + 1 - 10);
     assert_eq!(rig.bus.horizon(), rig.bus.now() + BIT);
     rig.run_bits(60);
     assert_eq!(rig.bus.horizon(), rig.bus.now() + 32 * BIT);
+}
+
+/// Two senders can still lose the arbitration, and a fault can hit any bit.
+#[test]
+fn the_horizon_is_one_bit_in_arbitration_and_while_there_is_a_fault() {
+    let mut rig = Rig::of(3);
+    rig.send(0, frame("123#"));
+    rig.send(1, frame("124#"));
+    rig.run_bits(5);
+    assert_eq!(rig.bus.horizon(), rig.bus.now() + BIT);
+    rig.run_bits(10);
+    assert!(rig.bus.horizon() > rig.bus.now() + BIT, "one has lost");
+    rig.bus.inject(Fault::BitErrorRate { per_million: 1, seed: 1 });
+    assert_eq!(rig.bus.horizon(), rig.bus.now() + BIT);
 }
 
 /// A frame that is due within the next 32 bits limits the horizon to the end of its SOF.

@@ -3,7 +3,7 @@
 use super::fault::Random;
 use super::*;
 
-/// A soft node whose driven levels are recorded.
+/// A soft node whose driven levels are recorded. The bus steps each bit for it.
 struct Watched {
     node: SoftNode,
     drove_dominant: bool,
@@ -179,6 +179,52 @@ fn errors_seen_by_one_station_never_change_a_frame() {
         for node in 0..4 {
             let strange = rig.received(node).into_iter().find(|frame| !sent.contains(frame));
             assert_eq!(strange, None, "seed {seed}");
+        }
+    }
+}
+
+/// What the owners and the wire saw of some traffic in which now and then a bit is wrong or a cable
+/// is pulled. With a watched node each bit is stepped.
+fn outcome(watched: bool, step: Option<Cycles>, seed: u64) -> impl PartialEq + std::fmt::Debug {
+    let mut random = Random(seed);
+    let mut rig = Rig::with_rates(&[1_000_000; 4]);
+    if watched {
+        let mut node = SoftNode::new(1_000_000);
+        node.set_listen_only(true);
+        rig.bus.attach("watched", Rc::new(RefCell::new(Watched { node, drove_dominant: false })));
+    }
+    load(&rig, &mut random, 60, 4);
+    let edges = Rc::new(RefCell::new(Vec::new()));
+    let tapped = Rc::clone(&edges);
+    rig.bus.set_wire_tap(Some(Box::new(move |at, level| tapped.borrow_mut().push((at, level)))));
+    for change in 0..40 {
+        let until = rig.bus.now() + 50_000;
+        let mut now = rig.bus.now();
+        while now < until {
+            now = step.map_or_else(|| rig.bus.horizon(), |step| now + step).min(until);
+            rig.bus.run_until(now);
+        }
+        match change % 4 {
+            0 => rig.bus.inject(Fault::FlipBit { bit: random.below(100) as u32 }),
+            1 => rig.bus.connect(PortId(random.below(4) as usize), false),
+            2 => (0..4).for_each(|port| rig.bus.connect(PortId(port), true)),
+            _ => rig.bus.clear_faults(),
+        }
+    }
+    let received: Vec<_> = rig.nodes.iter().map(|node| node.borrow_mut().take_received()).collect();
+    let events: Vec<_> = rig.nodes.iter().map(|node| node.borrow_mut().take_events()).collect();
+    let mut stats = rig.bus.stats();
+    stats.ports.truncate(4);
+    assert!(stats.frames > 50 && stats.error_frames > 0, "{stats:?}");
+    (rig.bus.take_records(), stats, received, events, edges.take())
+}
+
+#[test]
+fn bits_that_are_stepped_at_once_give_what_single_ones_give() {
+    for seed in 0..20 {
+        let reference = outcome(true, Some(BIT), seed);
+        for step in [None, Some(BIT), Some(7 * BIT + 3), Some(10_000)] {
+            assert!(outcome(false, step, seed) == reference, "seed {seed}, steps of {step:?}");
         }
     }
 }

@@ -433,9 +433,27 @@ fn a_reset_aborts_the_frame_on_the_bus() {
     bench.run_bits(40);
     assert!(bench.chip.borrow().transmitting());
     bench.spi(&[RESET]);
-    assert!(!bench.chip.borrow().transmitting());
     assert_eq!(bench.chip.borrow_mut().drive(bench.now), Level::Recessive);
+    assert!(!bench.chip.borrow().transmitting());
     bench.run_bits(FRAME_BITS);
     assert!(bench.peer_received().is_empty());
     bench.assert_register(TXB0CTRL, 0);
+}
+
+/// The driver may be ahead of the bus.
+#[test]
+fn a_frame_goes_on_up_to_the_time_of_a_reset() {
+    let mut bench = Bench::normal();
+    bench.load(0, 0x111, &[0x55; 8]);
+    bench.rts(1);
+    bench.run_bits(40);
+    let reset_at = bench.now + 10 * BIT;
+    bench.chip.borrow_mut().hardware_reset(reset_at);
+    assert_eq!(bench.chip.borrow().mode(), Mode::Configuration);
+    bench.run_bits(9);
+    assert!(bench.now < reset_at && bench.chip.borrow().transmitting());
+    bench.run_bits(2);
+    assert!(!bench.chip.borrow().transmitting());
+    bench.run_bits(FRAME_BITS);
+    assert!(bench.peer_received().is_empty());
 }
