@@ -3,7 +3,7 @@
 //!
 //! Bits are stepped one by one, but for those in which nothing can happen: idle bits are skipped up
 //! to the first in which a station has something to send, and a frame that has one sender and no
-//! fault is stepped at once up to its ACK slot (`stretch`).
+//! fault is stepped in two parts, before and after its ACK slot (`stretch`).
 //!
 //! # Order of calls
 //! The caller that runs the AVRs reads [`Bus::horizon`], runs them up to there, then calls

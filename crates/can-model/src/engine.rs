@@ -301,7 +301,7 @@ impl Engine {
     }
 
     /// True if this engine, which gets each bit of the wire, is in the same frame as `other`, and
-    /// nothing but the frame's bits decides what it does up to the ACK slot.
+    /// nothing but the frame's bits decides what it does.
     pub(super) fn follows(&self, other: &Engine) -> bool {
         self.state == State::Frame && !self.may_join && self.parser == other.parser
     }

@@ -35,7 +35,7 @@ pub trait Station {
     /// true.
     fn skip_idle(&mut self, bits: u64);
 
-    /// The station's engine, if up to the ACK slot of the frame on the wire `drive` and `sample`
+    /// The station's engine, if up to the end of the frame on the wire `drive` and `sample`
     /// would do nothing but call it. Then the bus may step many bits of the frame at once, without
     /// these calls. `None`: each bit is a call.
     fn follower(&mut self) -> Option<&mut Engine> {

@@ -1,10 +1,10 @@
-//! The stretch of a frame up to its ACK slot, stepped at once.
+//! The stretches of a frame before and after its ACK slot, stepped at once.
 //!
 //! Goal: what a station or its owner can see is the same as if each bit had been stepped.
 //!
 //! While one station sends, all others receive, and there is no fault, each level is the sender's,
 //! and each station's state is that of the recorder's engine, which gets every bit all the same.
-//! The first bit in which something can happen is the ACK slot. What the owners request meanwhile
+//! Something can happen in the ACK slot, and from the bit on in which receivers accept the frame. What the owners request meanwhile
 //! has no effect before the frame is over, or makes [`Station::follower`] return `None`.
 //!
 //! [`Station::follower`]: crate::Station::follower
@@ -25,9 +25,11 @@ struct Stretch {
 }
 
 impl Stretch {
-    /// Number of bits up to the ACK slot.
+    /// Number of bits up to the next one in which something can happen.
     fn left(&self) -> u64 {
-        u64::from(self.bits.ack_slot().saturating_sub(self.at))
+        let ack_slot = self.bits.ack_slot();
+        let end = if self.at <= ack_slot { ack_slot } else { self.bits.len() - 2 };
+        u64::from(end.saturating_sub(self.at))
     }
 }
 

@@ -110,7 +110,8 @@ fn the_totals_count_frames_and_busy_bits() {
     assert!((load - f64::from(command + other) / 1_000.0).abs() < 1e-9);
 }
 
-/// On an idle bus 32 bits; in a frame the bits up to the ACK slot, and then one.
+/// On an idle bus 32 bits; in a frame the bits up to the ACK slot, and then up to the one in which
+/// receivers accept it.
 #[test]
 fn the_horizon_ends_with_the_first_bit_in_which_something_can_happen() {
     let mut rig = Rig::of(2);
@@ -119,9 +120,11 @@ fn the_horizon_ends_with_the_first_bit_in_which_something_can_happen() {
     rig.send(0, frame("123#"));
     assert_eq!(rig.bus.horizon(), now + BIT, "the SOF must be stepped next");
     rig.run_bits(10);
-    let ack_slot = bits_of(&frame("123#")).ack_slot;
+    let Bits { ack_slot, last_eof, .. } = bits_of(&frame("123#"));
     assert_eq!(rig.bus.horizon(), now + (ack_slot + 1) * BIT);
     rig.run_bits(ack_slot + 1 - 10);
+    assert_eq!(rig.bus.horizon(), now + last_eof * BIT);
+    rig.run_bits(last_eof - ack_slot - 1);
     assert_eq!(rig.bus.horizon(), rig.bus.now() + BIT);
     rig.run_bits(60);
     assert_eq!(rig.bus.horizon(), rig.bus.now() + 32 * BIT);
