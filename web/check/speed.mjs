@@ -1,5 +1,6 @@
-// Prints how many simulated seconds the page's WebAssembly runs in a second of CPU, and the CPU time
-// that Chromium takes for a second of the page, as JSON: [what, number] each. For scripts/speeds.
+// Prints how many simulated seconds the page's WebAssembly runs in a second of CPU, and what
+// Chromium makes of the page with all that it draws, on one processor, as JSON: [what, numbers]
+// each. For scripts/speeds.
 //
 //   node check/speed.mjs TARGET    TARGET is cargo's target directory, with the page
 
@@ -42,30 +43,49 @@ function measure(name, prepare = () => {}) {
   return (measured * 1e6) / (user + system);
 }
 
-/** CPU seconds of the page's thread in a second, with all that it draws. */
-async function inChromium() {
+/** The page in Chromium with all that it draws, after `prepare`: CPU seconds of its thread in a
+ * second, and simulated seconds in a second. */
+async function inChromium(prepare = async () => {}) {
   const { context, close } = await launch();
   const { server, address } = await serve(join(target, "web"));
   try {
     const page = await context.newPage();
     await page.setViewportSize({ width: 1440, height: 900 });
-    await page.goto(address);
+    await page.goto(`${address}#program=Uno%3A+full%2C+eight+outputs`);
     await page.waitForTimeout(8000);
+    await prepare(page);
+    await page.waitForTimeout(5000);
     const session = await context.newCDPSession(page);
     await session.send("Performance.enable", { timeDomain: "threadTicks" });
-    const busy = async () => {
+    const state = async () => {
       const { metrics } = await session.send("Performance.getMetrics");
-      const value = (name) => metrics.find((metric) => metric.name === name).value;
-      return [value("TaskDuration"), performance.now() / 1000];
+      const simulated = parseFloat(await page.textContent("#speed"));
+      const cpu = metrics.find((metric) => metric.name === "TaskDuration").value;
+      return { cpu, simulated, at: performance.now() / 1000 };
     };
-    const [cpu, at] = await busy();
+    const before = await state();
     await page.waitForTimeout(10_000);
-    const [cpuThen, then] = await busy();
-    return (cpuThen - cpu) / (then - at);
+    const after = await state();
+    const perSecond = (name) => (after[name] - before[name]) / (after.at - before.at);
+    return { cpu: perSecond("cpu"), simulated: perSecond("simulated") };
   } finally {
     server.close();
     await close();
   }
+}
+
+/** All eight outputs, a full bus. */
+async function eightDrawn(page) {
+  await page.click("#all-outputs");
+  await page.waitForTimeout(15_000);
+  await page.dispatchEvent("#fault-babble", "click");
+}
+
+/** A second board, a full bus. */
+async function twoDrawn(page) {
+  await page.click("#second");
+  await page.waitForTimeout(5000);
+  await page.dispatchEvent("#fault-babble", "click");
 }
 
 const rows = [
@@ -74,7 +94,12 @@ const rows = [
   ["a servo node and a node of four motors", measure("uno-seeed.elf", (page) => page.add_second(program("uno-seeed-escs.elf")))],
   ["a full bus (Uno: full)", measure("uno-seeed.elf", (page) => page.inject("babble"))],
 ];
-console.log(JSON.stringify({ rows, page: await inChromium() }));
+const drawn = [
+  ["as it opens (Uno: full)", await inChromium()],
+  ["eight outputs and a full bus", await inChromium(eightDrawn)],
+  ["two boards and a full bus", await inChromium(twoDrawn)],
+];
+console.log(JSON.stringify({ rows, drawn }));
 process.exit(0);
 
 /** Uses all outputs, as the button of the page does. */
