@@ -4,8 +4,9 @@
 //!
 //! While one station sends, all others receive, and there is no fault, each level is the sender's,
 //! and each station's state is that of the recorder's engine, which gets every bit all the same.
-//! Something can happen in the ACK slot, and from the bit on in which receivers accept the frame. What the owners request meanwhile
-//! has no effect before the frame is over, or makes [`Station::follower`] return `None`.
+//! Something can happen in the ACK slot, and from the bit on in which receivers accept the frame.
+//! What the owners request meanwhile has no effect before the frame is over, or makes
+//! [`Station::follower`] return `None`.
 //!
 //! [`Station::follower`]: crate::Station::follower
 
