@@ -10,7 +10,8 @@
 //! In each bit the bus calls every station for the level that it drives, combines the levels
 //! (dominant wins), applies the faults, and passes the result to every station. Arbitration,
 //! acknowledgement, error and overload frames are not calculated: they follow from the
-//! engines' rules.
+//! engines' rules. Idle bits and the bits of a frame that nothing can disturb are stepped at once,
+//! with the same result.
 //!
 //! ## What is simplified
 //! * A bit has one level. Sample points, propagation delay, and resynchronisation inside a bit are
