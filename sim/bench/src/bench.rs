@@ -1,8 +1,9 @@
 //! The bench: boards and other stations on one CAN bus, run in lock step.
 //!
-//! The bus names the time up to which the AVRs may run: one bit ahead while a frame is on the bus,
-//! further while it is idle. Each board runs to that time, then the bus does, then the boards
-//! update their INT pins. A board can overshoot that time by one instruction.
+//! The bus names the time up to which the AVRs may run: one bit ahead in the bits of a frame in
+//! which something can happen, further in the others and while it is idle. Each board runs to that
+//! time, then the bus does, then the boards update their INT pins. A board can overshoot that time
+//! by one instruction.
 
 use crate::board::Board;
 use crate::can::{Bus, PortId, StationRef};
