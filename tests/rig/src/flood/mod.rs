@@ -36,6 +36,9 @@ use super::{DRAFT_STATUS_OF_NODE, MS, NODE, Rig, STATUS_OF_NODE, TRANSFER_ID_OF_
 
 /// Frames that wait in the sender's queue, so that a full bus never becomes idle.
 const QUEUED: usize = 24;
+/// Time between two looks at the firmware's queue and the compare register. The handler that stores
+/// a frame in the queue takes longer.
+const LOOK: Cycles = 4 * US;
 /// Time after the flood in which the node follows the last command.
 const AFTER_MS: u64 = 45;
 
@@ -324,6 +327,8 @@ impl Flood {
         let mut writes = Vec::new();
         let Flood { rig, register, queue, fills, outcome, .. } = self;
         let end = rig.now() + MS;
+        // What explains a full queue follows its turns.
+        let period = if fills.is_some() { US } else { LOOK };
         while rig.now() < end {
             let look = |bench: &mut bench::Bench| {
                 let depth = queue.depth(bench.board(0).avr());
@@ -337,7 +342,7 @@ impl Flood {
                 }
                 false
             };
-            rig.bench.run_until_or(look, US);
+            rig.bench.run_until_or(look, period);
         }
         // The bench reports a frame one cycle after its end.
         rig.run_until(end + 1);
