@@ -9,7 +9,7 @@ import assert from "node:assert/strict";
 import { existsSync, readFileSync, statSync } from "node:fs";
 import { createRequire } from "node:module";
 import { dirname, join, resolve } from "node:path";
-import { launch } from "./chromium.mjs";
+import { launch, runTests } from "./chromium.mjs";
 import { ArduPilot, Canable, Lawicel } from "./dialects.mjs";
 import { Board, connect } from "./fake-serial.mjs";
 import { serve } from "../serve.mjs";
@@ -399,27 +399,7 @@ async function takePicture(t) {
   await page.screenshot({ path: join(pictures, "web-bus.png") });
 }
 
-const chosen = Object.entries(pictures ? { "the picture": takePicture } : tests).filter(([name]) => name.includes(only));
-assert.ok(chosen.length > 0, `no test has "${only}" in its name`);
-let failures = 0;
-try {
-  for (const [name, run] of chosen) {
-    const t = { errors: [], ends: [] };
-    const start = Date.now();
-    try {
-      const result = await run(t);
-      assert.deepEqual(t.errors, [], "errors in the console");
-      console.log(`ok    ${name}  (${((Date.now() - start) / 1000).toFixed(1)} s${result ? `; ${result}` : ""})`);
-    } catch (error) {
-      failures++;
-      console.log(`FAIL  ${name}\n${error.stack}\n${t.errors.join("\n")}`);
-    }
-    for (const end of t.ends.reverse()) {
-      await end();
-    }
-  }
-} finally {
+await runTests(pictures ? { "the picture": takePicture } : tests, only, async () => {
   await close();
   server.close();
-}
-process.exitCode = failures ? 1 : 0;
+});

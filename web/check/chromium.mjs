@@ -1,5 +1,6 @@
 // A browser for tests: headless Chromium with an empty profile, without connections of its own.
 
+import assert from "node:assert/strict";
 import { existsSync, mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -34,4 +35,31 @@ export async function launch() {
     rmSync(profile, { recursive: true, force: true });
   };
   return { context, close };
+}
+
+/** Runs the tests whose name contains `only`, one after the other, and prints the result of each. A
+ * test gets `errors`, which must stay empty, and `ends`: what to do after it. `end` comes after all.
+ */
+export async function runTests(tests, only, end) {
+  const chosen = Object.entries(tests).filter(([name]) => name.includes(only));
+  assert.ok(chosen.length > 0, `no test has "${only}" in its name`);
+  try {
+    for (const [name, run] of chosen) {
+      const t = { errors: [], ends: [] };
+      const start = Date.now();
+      try {
+        const result = await run(t);
+        assert.deepEqual(t.errors, [], "errors in the console");
+        console.log(`ok    ${name}  (${((Date.now() - start) / 1000).toFixed(1)} s${result ? `; ${result}` : ""})`);
+      } catch (error) {
+        process.exitCode = 1;
+        console.log(`FAIL  ${name}\n${error.stack}\n${t.errors.join("\n")}`);
+      }
+      for (const undo of t.ends.reverse()) {
+        await undo();
+      }
+    }
+  } finally {
+    await end();
+  }
 }
