@@ -25,8 +25,8 @@ TOOLS := $(TARGET_DIR)/tools
 
 # The words of users, and of tests. Make ignores a misspelt one: it would build for another board.
 WORDS := BOARD SHIELD CS INT CRYSTAL FEATURES PORT ARGS PREFIX NODE BUS FILE PROGRAMMER STOCK WEB_PORT HOURS \
-	SEED TIME PROCESSOR MINUTES WHY ONLY FUZZ_SEED CROSS_SECONDS CROSS_SEED CROSS_BROWSER
-OTHER_WORDS := PROGRAMS PRESETS SHIPPED ON_UNO TEST_FILES TEST_OPTIONS CLIENTS FUZZED WEB_TESTS CHROMIUM CARGO_% FUZZ_% JUDGE_% NODE_%
+	SEED TIME PROCESSOR MINUTES WHY ONLY REV FUZZ_SEED CROSS_SECONDS CROSS_SEED CROSS_BROWSER
+OTHER_WORDS := PROGRAMS PRESETS SHIPPED ON_UNO TEST_FILES TEST_OPTIONS CLIENTS WEB_TESTS CHROMIUM CARGO_% FUZZ_% JUDGE_% NODE_%
 $(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(if \
 	$(filter $(WORDS) $(OTHER_WORDS),$(name)),,$(error $(name)= is wrong. make has the words $(WORDS)))))
 
@@ -140,20 +140,16 @@ test: setup-test ## what CI runs, except the page; about 25 minutes the first ti
 	@$(SIDE_BY_SIDE)3 $(PARTS)
 
 firmwares: setup-build
-	@scripts/boot
+	@set -e; for board in "" "$(UNO)" "$(UNO_MODULE)"; do scripts/boot $$board; done
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
-	@scripts/boot $(UNO)
 	@scripts/firmware $(UNO) full default tunnel relay rpm escs outputs,rpm
-	@scripts/boot $(UNO_MODULE)
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
 # Cargo unites features over the packages of one call: the one that needs another feature has its own.
 third-party: setup-build
-	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do \
-		cargo build $$options -p third-party-mcp2515-crate -p third-party-mcp25xx-crate; \
-		cargo build $$options -p third-party-mcp25xx-wrong-rxb1; \
-	done
+	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do cargo build $$options -p third-party-mcp2515-crate \
+		-p third-party-mcp25xx-crate; cargo build $$options -p third-party-mcp25xx-wrong-rxb1; done
 # "bridge" and "rig" are in each call: so cargo builds the simulator with one set of features, once.
 TESTED := $(addprefix -p ,avr-bounds boards boot bridge fuzz-harness mcp2515-ordered dronecan-wire dronecan-host can-frame own-node \
 	sim-base can-model mcp2515-model bus-load can-link node-update avr-chip avr-core avr-model bench sim rig)
@@ -167,8 +163,11 @@ test-host: test-programs firmwares third-party
 # directory: of one that it knows cargo keeps what it has unpacked, whatever changed since.
 PUBLISHED := avr-bounds avr-core can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
 packages: ## publish the crates but for the upload: pack each, and build it from its package
-	dir=$$(mktemp -d); trap 'rm -rf $$dir' EXIT; CARGO_TARGET_DIR=$$dir \
-		cargo publish --quiet --workspace --dry-run --locked --allow-dirty
+	dir=$$(mktemp -d); trap 'rm -rf $$dir' EXIT; CARGO_TARGET_DIR=$$dir cargo publish --quiet --workspace --dry-run --locked --allow-dirty
+# The commit that was called 2.0.0, which has no tag.
+semver: REV ?= f61080a4
+semver: $(TOOLS)/bin/cargo-semver-checks ## what changed in the published crates, against their version numbers  (REV=v2.1.0)
+	PATH="$(abspath $(TOOLS))/bin:$$PATH" cargo semver-checks $(foreach crate,$(PUBLISHED),$(if $(shell git ls-tree $(REV) crates/$(crate)),-p $(crate))) --baseline-rev $(REV)
 # The programs for boards of crates/own-node: a workspace of their own.
 BOARDS := --manifest-path crates/own-node/boards/Cargo.toml
 RP2040 := $(BOARDS) --target-dir $(TARGET_DIR)/boards -p own-node-rp2040 --target thumbv6m-none-eabi
@@ -176,8 +175,7 @@ STM32F103 := $(BOARDS) --target-dir $(TARGET_DIR)/boards -p own-node-stm32f103 -
 stable: ## the published crates with a stable Rust and the oldest that they promise, also for a Cortex-M0, with their documentation; own-node on its boards
 	rustup toolchain install --profile minimal --target thumbv6m-none-eabi,thumbv7m-none-eabi 1.88
 	cargo +1.88 check --locked --target thumbv6m-none-eabi -p mcp2515-ordered -p dronecan-wire
-	cargo +1.88 build --locked $(RP2040)
-	cargo +1.88 build --locked $(STM32F103)
+	set -e; for board in "$(RP2040)" "$(STM32F103)"; do cargo +1.88 build --locked $$board; done
 	set -e; for rust in 1.88 stable; do cargo +$$rust check --locked $(addprefix -p ,$(PUBLISHED)) -p dronecan-host; done
 	RUSTDOCFLAGS="-D warnings" cargo +stable doc --locked --no-deps --all-features $(addprefix -p ,$(PUBLISHED)) -p dronecan-host
 
@@ -189,10 +187,8 @@ ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 # The processor of what runs for hours, on which the tests on boards run, too: PROCESSOR=simavr for the other.
 ON_CORE := NODE_PROCESSOR='$(or $(PROCESSOR),own)'
 test-library:
-	@set -e; for features in $(PRESETS); do \
-		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; \
-		echo "cargo test $$options"; $(ON_BOARD) nice cargo test $$options -- $$(test $$features = full || echo --skip trust::tests::simulation); \
-	done
+	@set -e; for features in $(PRESETS); do options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; echo "cargo test $$options"; \
+		$(ON_BOARD) nice cargo test $$options -- $$(test $$features = full || echo --skip trust::tests::simulation); done
 # They run the programs in target/firmware. TEST_FILES= chooses files of tests/boards.
 BOARD_TESTS = nice cargo test -p tests -p bridge --test boards --
 FILES := $(patsubst tests/boards/%.rs,%,$(filter-out %/main.rs,$(wildcard tests/boards/*.rs)))
@@ -207,8 +203,7 @@ test-uno: firmwares third-party test-programs
 test-bounds: test-programs firmwares
 	nice scripts/bounds $(SHIPPED)
 	nice scripts/bounds $(UNO) full default escs outputs,rpm
-	nice scripts/bounds --boot
-	nice scripts/bounds $(UNO) --boot
+	set -e; for board in "" "$(UNO)"; do nice scripts/bounds $$board --boot; done
 	nice cargo test -p tests -p bridge --test judge -- --nocapture
 test-clients: test-programs firmwares $(VENV)/gui $(TOOLS)/bin/ravedude
 	$(VENV)/bin/python -m pytest -q -n 4 --dist loadfile -m '$(or $(CLIENTS),not long)' tests/clients
@@ -219,26 +214,20 @@ test-web: web-page setup-browser ## the web page in Chromium, and its processor 
 	cd web && node_modules/.bin/tsc
 	node --test web/check/serve.mjs
 	CROSS_SECONDS=$(or $(CROSS_SECONDS),5) cargo test -p web
-	node web/check/page.mjs '$(TARGET_DIR)/web' $(WEB_TESTS)
 	cargo build -p sim
-	node web/check/board.mjs '$(TARGET_DIR)/web'
-	node web/check/bus.mjs '$(TARGET_DIR)/web'
+	set -e; for tests in page board bus; do node web/check/$$tests.mjs '$(TARGET_DIR)/web' $(WEB_TESTS); done
 
 PROGRAM := -p servo-node --bin servo-node
 sources:
 	cargo fmt --all --check
 	cargo fmt --manifest-path tests/fuzz/Cargo.toml --check
 	cargo fmt $(BOARDS) -p own-node-rp2040 -p own-node-stm32f103 --check
-	scripts/drawings --check
 	scripts/lint
 	scripts/docs
-	scripts/elf-mutants --check
-	scripts/wiring-page --check
-	scripts/release-page --check
+	set -e; for page in drawings elf-mutants wiring-page release-page; do scripts/$$page --check; done
 lint: setup-test sources stable packages ## formatting and clippy, for both targets, warnings as errors
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
-	cargo clippy $(RP2040) -- -D warnings
-	cargo clippy $(STM32F103) -- -D warnings
+	set -e; for board in "$(RP2040)" "$(STM32F103)"; do cargo clippy $$board -- -D warnings; done
 	set -e; for preset in default remote full; do cargo clippy $(AVR) $(PROGRAM) $$(scripts/firmware --cargo $$preset) -- -D warnings; done
 	cargo clippy $(AVR) -p boot -p third-party-mcp2515-crate -p third-party-mcp25xx-crate -p third-party-mcp25xx-wrong-rxb1 -- -D warnings
 	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) $(PROGRAM) --features full -- -D warnings
@@ -249,12 +238,9 @@ DENY = $(TOOLS)/bin/cargo-deny --locked --config .cargo/deny.toml
 deny: $(TOOLS)/bin/cargo-deny ## check licences and origins of all dependencies, and that only the simulator links simavr
 	$(DENY) --workspace check licenses sources
 	$(DENY) --workspace --exclude-dev check -A unused-wrapper bans
-	$(DENY) --manifest-path tests/fuzz/Cargo.toml check -A unused-wrapper licenses sources bans
-	$(DENY) $(BOARDS) check -A unused-wrapper licenses sources bans
+	set -e; for other in tests/fuzz crates/own-node/boards; do $(DENY) --manifest-path $$other/Cargo.toml check -A unused-wrapper licenses sources bans; done
 advisories: $(TOOLS)/bin/cargo-deny ## known vulnerabilities of the dependencies, from https://github.com/rustsec/advisory-db
-	$(DENY) --workspace check advisories
-	$(DENY) --manifest-path tests/fuzz/Cargo.toml check advisories
-	$(DENY) $(BOARDS) check advisories
+	set -e; for one in . tests/fuzz crates/own-node/boards; do $(DENY) --manifest-path $$one/Cargo.toml check advisories; done
 
 # --- Long tests, and what writes documents
 
@@ -270,15 +256,12 @@ test-long: firmwares third-party test-programs
 # The node of the thesis was an ATmega168.
 test-long-uno:
 	$(SUB) test-library PRESETS='full remote' BOARD=uno SHIELD=module
-	set -e; for shield in seeed module; do \
-		$(SUB) test-firmware BOARD=uno SHIELD=$$shield TEST_OPTIONS='--include-ignored --skip thesis::'; done
-# With the same traffic in Node.js and in a browser.
+	set -e; for shield in seeed module; do $(SUB) test-firmware BOARD=uno SHIELD=$$shield TEST_OPTIONS='--include-ignored --skip thesis::'; done
 test-long-web:
 	$(SUB) test-web WEB_TESTS=--long CROSS_SECONDS=60
 	$(SUB) cross-check CROSS_SECONDS=60 CROSS_BROWSER=1
 test-boards: setup-build ## check that every board and CAN board of the table links
-	@scripts/firmware --every-board
-	@scripts/boot --every-board
+	@set -e; for program in firmware boot; do scripts/$$program --every-board; done
 cross-check: web-page setup-simavr ## the firmware on simavr, on avr-core and in WebAssembly, compared  (CROSS_SECONDS=60, CROSS_SEED=7; CROSS_BROWSER=1)
 	cargo test -p web --test cross_check -- --nocapture
 	CROSS_SECONDS=$(or $(CROSS_SECONDS),9) cargo test -p web --test engines -- --nocapture
@@ -288,13 +271,10 @@ judge: setup-test ## what "make bounds" proves of random programs, against runs 
 fuzz: setup-simavr firmware ## a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)
 	$(ON_CORE) FUZZ_FRAMES=1000000 $(BOARD_TESTS) fuzz:: --nocapture
 # New inputs stay in the target directory; tests/fuzz/corpus is only read.
-FUZZED := node commanders eeprom host sim bridge
 fuzz-coverage: $(TOOLS)/bin/cargo-fuzz ## the parsers in libFuzzer, a minute each  (TIME=900)
-	@set -e; for target in $(FUZZED); do \
-		found=$(abspath $(TARGET_DIR))/fuzz/corpus/$$target; mkdir -p $$found; \
+	@set -e; for target in node commanders eeprom host sim bridge; do found=$(abspath $(TARGET_DIR))/fuzz/corpus/$$target; mkdir -p $$found; \
 		$(abspath $<) run --fuzz-dir tests/fuzz --target-dir $(abspath $(TARGET_DIR))/fuzz -s none $$target \
-			$$found tests/fuzz/corpus/$$target -- -max_total_time=$(or $(TIME),60) -max_len=2048 -timeout=20 -print_final_stats=1; \
-	done
+			$$found tests/fuzz/corpus/$$target -- -max_total_time=$(or $(TIME),60) -max_len=2048 -timeout=20 -print_final_stats=1; done
 soak: setup-simavr firmware boot ## a node with random faults for an hour  (HOURS=4, SEED=7 for other faults; Ctrl-C ends it with a summary)
 	$(ON_CORE) SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
 # All features, or what is not compiled would survive. .cargo/mutants.toml leaves out slow tests.
@@ -304,7 +284,6 @@ mutants: $(TOOLS)/bin/cargo-mutants ## put mistakes into the sources that the un
 	$(MUTANTS) -p dronecan-wire -p mcp2515-ordered --all-features --output $(TARGET_DIR)/mutants/crates $(ARGS)
 elf-mutants: setup-test ## put mistakes into the firmware that the tests on simulated boards must notice
 	scripts/elf-mutants
-
 reliability: setup-simavr firmware ## measure the recovery from every fault, and write docs/reliability.md
 	$(ON_CORE) cargo bench --profile dev --bench reliability
 bench: setup-simavr firmware third-party ## measure the firmware in cycles of the AVR, and write docs/benchmarks.md: six minutes, then losses
@@ -316,8 +295,7 @@ shipped: setup-simavr
 losses: shipped ## count the frames lost on a full bus, ten minutes of each kind: hours  (BOARD=uno; MINUTES=0.1; WHY=1; ONLY=position)
 	$(ON_BOARD) $(ON_CORE) MINUTES='$(MINUTES)' WHY='$(WHY)' ONLY='$(ONLY)' cargo bench --bench loss
 bounds-page: shipped ## what "make bounds" proves, beside what the simulator observes, in docs/benchmarks.md
-	@scripts/boot
-	@scripts/boot $(UNO)
+	@set -e; for board in "" "$(UNO)"; do scripts/boot $$board; done
 	cargo bench --bench bounds
 speeds: firmware sim-program web-page ## measure how fast sim and the page run, and write it to docs/bench.md
 	@scripts/speeds
@@ -340,7 +318,7 @@ $(VENV)/gui: tests/clients/requirements-gui.txt $(VENV)/installed
 	$(VENV)/bin/pip install --quiet --disable-pip-version-check --no-deps -r $<
 	touch $@
 
-VERSIONS := cargo-about@0.9.3 cargo-deny@0.20.2 cargo-fuzz@0.13.2 cargo-mutants@27.1.0 ravedude@0.2.2
+VERSIONS := cargo-about@0.9.3 cargo-deny@0.20.2 cargo-fuzz@0.13.2 cargo-mutants@27.1.0 cargo-semver-checks@0.51.0 ravedude@0.2.2
 $(TOOLS)/bin/cargo-fuzz: | setup-fuzz
 $(TOOLS)/bin/ravedude: | setup-flash
 $(TOOLS)/bin/%: | setup-build
