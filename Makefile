@@ -164,8 +164,8 @@ test-host: test-programs firmwares third-party
 PUBLISHED := avr-bounds avr-core can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
 packages: ## publish the crates but for the upload: pack each, and build it from its package
 	dir=$$(mktemp -d); trap 'rm -rf $$dir' EXIT; CARGO_TARGET_DIR=$$dir cargo publish --quiet --workspace --dry-run --locked --allow-dirty
-# The commit that was called 2.0.0, which has no tag.
-semver: REV ?= f61080a4
+# The last commit of 2.0.0, which has no tag.
+semver: REV ?= db37d4f
 semver: $(TOOLS)/bin/cargo-semver-checks ## what changed in the published crates, against their version numbers  (REV=v2.1.0)
 	PATH="$(abspath $(TOOLS))/bin:$$PATH" cargo semver-checks $(foreach crate,$(PUBLISHED),$(if $(shell git ls-tree $(REV) crates/$(crate)),-p $(crate))) --baseline-rev $(REV)
 # The programs for boards of crates/own-node: a workspace of their own.
