@@ -126,7 +126,6 @@ impl Pulses for Outputs {
         }
     }
 
-    #[inline(always)]
     fn set_level(&mut self, output: usize, is_high: bool) {
         let (port, mask) = pin(output);
         // Safety: a write to PINx, two registers before PORTx, switches the bits of PORTx that are

@@ -30,14 +30,12 @@ impl CanSpi {
         spi.spsr.write(|w| w.spi2x().set_bit());
     }
 
-    #[inline(always)]
     fn spi(&self) -> SPI {
         // Safety: `set_up` has consumed the registers, and `steal` requires that there is no other
         // value of this type. So nothing else uses them.
         unsafe { steal::<SPI>() }
     }
 
-    #[inline(always)]
     fn begin(&mut self, byte: u8) {
         self.spi().spdr.write(|w| w.bits(byte));
     }
@@ -76,7 +74,6 @@ impl SpiBus for CanSpi {
         Ok(())
     }
 
-    #[inline(always)]
     fn write(&mut self, words: &[u8]) -> Result<(), Infallible> {
         for &word in words {
             self.exchange(word);

@@ -22,13 +22,11 @@ pub const FILTERS: Option<[Pattern; 8]> = None;
 const PRIORITY_LOW: u8 = 24;
 
 /// The identifier of a message.
-#[inline(always)]
 pub fn message_id(data_type: u16, source: u8) -> [u8; 4] {
     Id::message(PRIORITY_LOW, data_type, source).to_bytes()
 }
 
 /// Completes a frame: adds the tail byte.
-#[inline(always)]
 pub fn finish(frame: &mut Frame, tail: Tail) {
     frame.push(tail.0);
 }
@@ -63,14 +61,12 @@ pub fn read_status(status: &Transfer) -> Option<Heard> {
 }
 
 /// Data type ID and source of a frame.
-#[inline(always)]
 pub fn origin(frame: &Frame) -> (u16, u8) {
     let id = Id::from_bytes(frame.id);
     (id.data_type(), id.source())
 }
 
 /// Data type ID of a message of this kind.
-#[inline(always)]
 pub fn data_type(kind: Kind, flash: impl Progmem<DataTypes>) -> u16 {
     kind.data_type(flash)
 }

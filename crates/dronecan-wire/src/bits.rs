@@ -43,19 +43,16 @@ impl Id {
     const ANONYMOUS_TYPE: u8 = 0b11;
 
     /// Makes an identifier of its bytes, the most significant first.
-    #[inline(always)]
     pub const fn from_bytes(bytes: [u8; 4]) -> Self {
         Self(bytes)
     }
 
     /// The bytes, the most significant first.
-    #[inline(always)]
     pub const fn to_bytes(self) -> [u8; 4] {
         self.0
     }
 
     /// Makes the identifier of a message. Source 0 is an anonymous node.
-    #[inline(always)]
     pub const fn message(priority: u8, data_type: u16, source: u8) -> Self {
         let [high, low] = data_type.to_be_bytes();
         Self([priority, high, low, source])
@@ -79,7 +76,6 @@ impl Id {
     }
 
     /// The priority: 0 (wins every arbitration) to 31.
-    #[inline(always)]
     pub const fn priority(self) -> u8 {
         self.0[byte::PRIORITY] & Self::PRIORITY
     }
@@ -166,19 +162,16 @@ impl Tail {
     pub const TRANSFER_ID: u8 = 31;
 
     /// True for the first frame of a transfer.
-    #[inline(always)]
     pub const fn is_start(self) -> bool {
         self.0 & Self::START != 0
     }
 
     /// True for the last frame of a transfer.
-    #[inline(always)]
     pub const fn is_end(self) -> bool {
         self.0 & Self::END != 0
     }
 
     /// True for the only frame of a transfer.
-    #[inline(always)]
     pub const fn is_single(self) -> bool {
         self.0 >= Self::START | Self::END
     }
@@ -189,7 +182,6 @@ impl Tail {
     }
 
     /// The transfer ID: 0 to 31.
-    #[inline(always)]
     pub const fn transfer_id(self) -> u8 {
         self.0 & Self::TRANSFER_ID
     }

@@ -50,7 +50,6 @@ pub(crate) mod sealed {
                     $type::from(number)
                 }
 
-                #[inline(always)]
                 fn of(bytes: &[u8]) -> Self {
                     $type::try_from(bytes.len()).unwrap_or($type::MAX)
                 }
@@ -60,17 +59,14 @@ pub(crate) mod sealed {
                     usize::from(self)
                 }
 
-                #[inline(always)]
                 fn low(self) -> u8 {
                     self as u8
                 }
 
-                #[inline(always)]
                 fn is(self, other: Self) -> bool {
                     self == other
                 }
 
-                #[inline(always)]
                 fn is_below(self, other: Self) -> bool {
                     self < other
                 }
@@ -80,7 +76,6 @@ pub(crate) mod sealed {
                     self.wrapping_add(more)
                 }
 
-                #[inline(always)]
                 fn plus_at_most(self, more: u8) -> Self {
                     self.saturating_add($type::from(more))
                 }

@@ -238,7 +238,6 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
 {
     /// Drops one transfer whose timeout has passed, and returns it. Call it each millisecond or so,
     /// and at least every 30 s, because the clock wraps.
-    #[inline(always)]
     pub fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT, L>> {
         let lost = self.lanes.expire(now_ms)?;
         self.policy.lost(lost.source);
@@ -248,7 +247,6 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
     /// The node has no use for a list of this sender, although it has an entry for the node. So its
     /// next ones should take no lane from a sender whose lists the node uses: see
     /// [`Policy::refused`].
-    #[inline(always)]
     pub fn refused(&mut self, source: u8) {
         self.policy.refused(source);
     }
@@ -270,7 +268,6 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
 
     /// Takes a frame. The entries of a list that begin with `own_id` are for this node. `now_ms` is
     /// a clock that wraps.
-    #[inline(always)]
     pub fn accept(
         &mut self,
         segment: Segment<'_, K>,

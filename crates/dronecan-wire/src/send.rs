@@ -159,14 +159,12 @@ impl<L: Length> Sender<L> {
     }
 
     /// True if a frame is complete and waits for [`sent`](Self::sent).
-    #[inline(always)]
     pub fn is_ready(&self) -> bool {
         matches!(self.stage, Stage::Ready | Stage::LastReady)
     }
 
     /// Begins a transfer of `len` bytes of payload. `transfer_id` is 0 to 31. `seed` is the seed of
     /// the type (see [`types`](crate::types)); it has no effect on a single-frame transfer.
-    #[inline(always)]
     pub fn begin(&mut self, len: L, transfer_id: u8, seed: u16) {
         self.tail = Tail::START | transfer_id;
         self.crc = seed;
@@ -179,7 +177,6 @@ impl<L: Length> Sender<L> {
     /// [`is_ready`](Self::is_ready). Pass the same payload in each call, and a buffer that was
     /// empty at the beginning of the frame. Do not call it while a frame is ready or without a
     /// transfer.
-    #[inline(always)]
     pub fn step(&mut self, payload: &(impl Payload<L> + ?Sized), buffer: &mut impl Buffer) {
         if let Some(tail) = self.fill(payload, buffer) {
             buffer.push(tail.0);
@@ -188,7 +185,6 @@ impl<L: Length> Sender<L> {
 
     /// Does the same as [`step`](Self::step), but returns the tail byte of a complete frame and
     /// does not add it. A program for another dialect can put the tail elsewhere.
-    #[inline(always)]
     pub fn fill(
         &mut self,
         payload: &(impl Payload<L> + ?Sized),
@@ -227,7 +223,6 @@ impl<L: Length> Sender<L> {
 
     /// Notes that the program has sent the frame. Returns true if it was the last one of the
     /// transfer.
-    #[inline(always)]
     pub fn sent(&mut self) -> bool {
         self.tail = (self.tail & !Tail::START) ^ Tail::TOGGLE;
         let is_last = self.stage == Stage::LastReady;

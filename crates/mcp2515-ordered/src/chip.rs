@@ -317,17 +317,14 @@ impl<SPI: SpiBus, CS: OutputPin> Exclusive<SPI, CS> {
 
 /// Each method calls the one of the same name above.
 impl<SPI: SpiBus, CS: OutputPin> Instructions for Exclusive<SPI, CS> {
-    #[inline(always)]
     fn reset(&mut self) {
         Self::reset(self);
     }
 
-    #[inline(always)]
     fn status(&mut self) -> u8 {
         Self::status(self)
     }
 
-    #[inline(always)]
     fn read(&mut self, register: u8) -> u8 {
         Self::read(self, register)
     }
@@ -337,57 +334,46 @@ impl<SPI: SpiBus, CS: OutputPin> Instructions for Exclusive<SPI, CS> {
         self.access(instruction::WRITE, register, value);
     }
 
-    #[inline(always)]
     fn begin_read(&mut self, register: u8) {
         Self::begin_read(self, register);
     }
 
-    #[inline(always)]
     fn read_next(&mut self) -> u8 {
         Self::read_next(self)
     }
 
-    #[inline(always)]
     fn end_read(&mut self) {
         self.deselect();
     }
 
-    #[inline(always)]
     fn write_canctrl(&mut self, value: u8) {
         Self::write_canctrl(self, value);
     }
 
-    #[inline(always)]
     fn clear_overflow(&mut self) {
         Self::clear_overflow(self);
     }
 
-    #[inline(always)]
     fn clear_interrupts(&mut self) {
         Self::clear_interrupts(self);
     }
 
-    #[inline(always)]
     fn take_interrupts(&mut self) -> u8 {
         Self::take_interrupts(self)
     }
 
-    #[inline(always)]
     fn read_frame(&mut self, buffer: Buffer, frame: &mut Frame) -> u8 {
         Self::read_frame(self, buffer, frame)
     }
 
-    #[inline(always)]
     fn send_frame(&mut self, rank: Rank, frame: &Frame) {
         Self::send_frame(self, rank, frame);
     }
 
-    #[inline(always)]
     fn write_identifier(&mut self, rank: Rank, frame: &Frame) {
         Self::write_identifier(self, rank, frame);
     }
 
-    #[inline(always)]
     fn write_data_and_send(&mut self, rank: Rank, frame: &Frame) {
         Self::write_data_and_send(self, rank, frame);
     }
@@ -403,19 +389,16 @@ impl<SPI: SpiBus, CS: OutputPin> Instructions for Exclusive<SPI, CS> {
 
 /// The address of a transmit buffer: 0x30, 0x40, 0x50 for TXB0, TXB1, TXB2. The register there
 /// holds the priority, and the identifier follows.
-#[inline(always)]
 pub fn tx_buffer(rank: Rank) -> u8 {
     TXB0CTRL + ((rank.buffer() & 6) << 3)
 }
 
 /// READ RX BUFFER: 0x90 for RXB0 and 0x94 for RXB1.
-#[inline(always)]
 pub fn read_rx_buffer(buffer: Buffer) -> u8 {
     instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1
 }
 
 /// LOAD TX BUFFER for the data: 0x41, 0x43 and 0x45 for TXB0, TXB1 and TXB2.
-#[inline(always)]
 pub fn load_tx_data(rank: Rank) -> u8 {
     instruction::LOAD_TX_DATA | rank.buffer() & 6
 }

@@ -63,7 +63,6 @@ impl Counters {
     }
 
     /// Returns the word `n`, or 0 if there is none.
-    #[inline(always)]
     pub fn word(&self, n: u8) -> u16 {
         self.0.get(usize::from(n)).copied().unwrap_or(0)
     }
@@ -105,15 +104,12 @@ impl Counters {
     }
 
     /// Returns 0.
-    #[inline(always)]
     pub fn word(&self, _n: u8) -> u16 {
         0
     }
 
-    #[inline(always)]
     pub(crate) fn add(&mut self, _counter: Counter, _more: u8) {}
 
-    #[inline(always)]
     pub(crate) fn count_long(&mut self, _counter: Counter) {}
 }
 

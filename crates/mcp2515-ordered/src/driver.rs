@@ -382,7 +382,6 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
 
     /// True if [`receive`](Self::receive) is likely to find a frame. Takes a few cycles; `receive`
     /// needs an SPI instruction to find that there is none.
-    #[inline(always)]
     pub fn has_frame(&mut self) -> bool {
         // A chip that has left the bus still has the frames that it received.
         (!self.rx.is_empty() || self.is_int_low() || self.is_int_wrong)
@@ -405,7 +404,6 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
 
     /// Reads the next frame from the chip. Returns false if there is none. It marks a standard or
     /// remote frame with [`Frame::FOREIGN`].
-    #[inline(always)]
     pub fn receive(&mut self, frame: &mut Frame) -> bool {
         self.read_next(frame, |frame, dlc| {
             // Converts SIDH and SIDL: see `filters::registers`.
@@ -431,7 +429,6 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
 
     /// Reads the next frame from the chip, with SIDH, SIDL, EID8 and EID0 in place of the
     /// identifier. Passes it and RXBnDLC to `convert`. Returns false if there is none.
-    #[inline(always)]
     fn read_next(&mut self, frame: &mut Frame, convert: impl FnOnce(&mut Frame, u8)) -> bool {
         if self.rx.is_empty() {
             let status = self.chip.status();

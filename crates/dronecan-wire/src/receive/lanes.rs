@@ -25,7 +25,6 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, L:
     };
 
     /// Ends one transfer whose timeout has passed, and returns it.
-    #[inline(always)]
     pub(super) fn expire(&mut self, now_ms: u16) -> Option<&Transfer<K, KEPT, L>> {
         let mut lanes = self.lists.iter_mut().chain(&mut self.others);
         let lane =
@@ -65,7 +64,6 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, L:
 
 /// Returns the lane of the transfer that a frame continues or begins again; else, for a first
 /// frame, the lane that is free or is given up most readily.
-#[inline(always)]
 pub(super) fn choose<'a, K: Received, const KEPT: usize, L: Length>(
     lanes: &'a mut [Transfer<K, KEPT, L>],
     segment: &Segment<'_, K>,

@@ -68,7 +68,6 @@ impl Rejection {
 impl<'a, K: Received> Segment<'a, K> {
     /// Reads a frame with an extended identifier, for the node with the ID `node`, or 0 if the node
     /// has no ID.
-    #[inline(always)]
     pub fn read(id: Id, data: &'a [u8], node: u8) -> Result<Self, Rejection> {
         let source = id.source();
         let kind = if source == 0 {

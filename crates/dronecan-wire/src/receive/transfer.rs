@@ -19,7 +19,6 @@ impl Slot {
     pub const LEN: u8 = 4;
 
     /// Slot `n` of eight, with a bit of its own.
-    #[inline(always)]
     pub const fn new(n: u8) -> Self {
         Self { at: n % 8 * Self::LEN, bits: 1 << (n % 8) }
     }
@@ -86,7 +85,6 @@ impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
 
     /// For a list: the [bits](Slot::bits) of the slots that have an entry. The entry is in
     /// [`bytes`](Self::bytes), from [`Slot::at`] on.
-    #[inline(always)]
     pub fn slots(&self) -> u8 {
         self.slots
     }
@@ -113,7 +111,6 @@ impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
 
     /// The payload, at most its first `KEPT` bytes. For a list: the last entry for slot 0, or empty
     /// if the list has no entry for this node.
-    #[inline(always)]
     pub fn payload(&self) -> &[u8] {
         self.bytes.get(..self.len.index()).unwrap_or(&self.bytes)
     }
@@ -126,7 +123,6 @@ impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
 
     /// Length of the payload in bytes, at most the largest value of `L`. Counts also the bytes that
     /// were not kept. For a list: as [`payload`](Self::payload).
-    #[inline(always)]
     #[allow(clippy::len_without_is_empty, reason = "not needed")]
     pub fn len(&self) -> L {
         self.len
@@ -139,7 +135,6 @@ impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
 
     /// The buffer that begins with [`payload`](Self::payload). The bytes after the payload are
     /// undefined.
-    #[inline(always)]
     pub fn bytes(&self) -> &[u8; KEPT] {
         &self.bytes
     }
@@ -156,7 +151,6 @@ impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
     }
 
     /// How firmly the transfer holds its lane: the one with the lowest number is given up first.
-    #[inline(always)]
     pub(super) fn hold<P: Policy>(&self, policy: &P, expires_ms: u16, now_ms: u16) -> u16 {
         if !self.is_open {
             FREE

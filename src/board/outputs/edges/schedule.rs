@@ -150,7 +150,6 @@ pub fn pin(output: usize) -> (u8, u8) {
 }
 
 /// The register with this address.
-#[inline(always)]
 pub fn register(address: u8) -> *mut u8 {
     core::ptr::with_exposed_provenance_mut(address.into())
 }
@@ -219,7 +218,6 @@ impl Schedule {
 
     /// The next event with slots, in ticks after the beginning of its slot. `begun` are the bits
     /// that the last one has set.
-    #[inline(always)]
     fn in_slot(&mut self, begun: u8) -> Ticks {
         if begun != 0 {
             self.event = Event::Fall;
@@ -283,7 +281,6 @@ impl Schedule {
 
     /// The next event of a chain, in ticks after BOTTOM: the end of the pulse that the last event
     /// has begun.
-    #[inline(always)]
     fn in_chain(&mut self) -> Ticks {
         if self.event == Event::Change {
             self.event = Event::Rise;
