@@ -115,8 +115,8 @@ pub struct Clocks {
     pub blocked: Vec<Blocked>,
     /// Loops on a path whose rounds are not counted.
     pub opens: u32,
-    /// Of a function that does not return: for each function that it has called in this round, by
-    /// its address, `total` on the paths with the call.
+    /// Of a function that does not return: for each function that it may have called in this round,
+    /// also by way of others, by its address, `total` on the paths with the call.
     pub through: BTreeMap<u32, u32>,
     /// For each set of kinds of turns ([`Kinds`]) `total` on the paths of just these kinds.
     pub of_kinds: OfKinds,

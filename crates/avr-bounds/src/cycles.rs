@@ -218,6 +218,7 @@ impl<'a, 'b> Timing<'a, 'b> {
                 ended: vec![None; self.watches.len()],
                 restart: None,
                 bits: BTreeMap::new(),
+                calls: BTreeSet::new(),
             },
             is_lenient: false,
             is_incomplete: false,
@@ -395,6 +396,8 @@ impl<'a, 'b> Timing<'a, 'b> {
         for (at, cycles) in &time.bits {
             run.time.note_bit(*at, clocks.total.saturating_add(*cycles));
         }
+        run.time.calls.insert(target);
+        run.time.calls.extend(&time.calls);
         let Some((exit, passed)) = &time.exit else { return Ok(()) };
         let mut clocks = clocks.clone();
         clocks.total = clocks.total.saturating_add(passed.total);
@@ -404,7 +407,8 @@ impl<'a, 'b> Timing<'a, 'b> {
         }
         clocks.call_kinds(self.kinds.get(&target).copied().unwrap_or(0), &passed.of_kinds);
         if run.summary.exit.is_none() {
-            clocks.through.insert(target, clocks.total);
+            let called = time.calls.iter().chain([&target]);
+            clocks.through.extend(called.map(|function| (*function, clocks.total)));
         }
         clocks.looked.call(&passed.looked);
         for (mine, theirs) in clocks.blocked.iter_mut().zip(&passed.blocked) {

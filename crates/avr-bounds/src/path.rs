@@ -25,6 +25,8 @@ pub struct Time {
     pub restart: Option<u32>,
     /// The longest time from the entry to the end of each SBI and CBI, by its address.
     pub bits: BTreeMap<u32, u32>,
+    /// The functions that it may call, and those that they may call, by their addresses.
+    pub calls: BTreeSet<u32>,
 }
 
 /// The parts of a function.

@@ -276,6 +276,32 @@ fn each_combination_of_kinds_of_turns_has_its_own_bound() {
     assert!(none.of_kinds.is_empty() && none.cycles == turn.cycles);
 }
 
+/// Most turns that call `c` do so by way of `b`, which takes longer.
+#[test]
+fn a_turn_with_a_call_of_a_function_can_call_it_by_way_of_another() {
+    let main = "
+        1: in r24, 0x03
+        sbrc r24, 0
+        rjmp 2f
+        rcall b
+        rjmp 1b
+        2: rcall c
+        rjmp 1b
+        .type b, @function
+        b: nop
+        rcall c
+        ret
+        .type c, @function
+        c: nop
+        ret";
+    let turn = timed(main, "nop", "").turn.unwrap();
+    let through: Vec<(&str, u32)> =
+        turn.through.iter().map(|time| (time.function.as_str(), time.cycles.0)).collect();
+    // IN 1, SBRC with the skip 2, RCALL 3, RJMP 2; b: NOP 1, RCALL 3, RET 4; c: NOP 1, RET 4.
+    let by_way_of_b = 1 + 2 + 3 + (1 + 3 + 5 + 4) + 2;
+    assert_eq!(through, [("b", by_way_of_b), ("c", by_way_of_b)]);
+}
+
 /// A stretch that begins at the end of a turn and ends in the next turn.
 #[test]
 fn a_stretch_from_one_turn_to_the_next_counts() {
