@@ -149,6 +149,12 @@ pub fn faults() -> String {
     page::faults()
 }
 
+/// Names and values of the parameters of a quadcopter's motors, a JSON array.
+#[wasm_bindgen]
+pub fn four_motors() -> String {
+    page::four_motors()
+}
+
 /// A world for the page. Times are CPU cycles of 16 MHz.
 #[wasm_bindgen]
 pub struct Simulation(Page);

@@ -36,9 +36,10 @@ const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 const LIGHT_ID: u8 = 0;
 /// Value of OUTn_TYPE for a motor.
 const MOTOR: u8 = 1;
-/// What the second board has saved: a quadcopter's motors.
-const SECOND: [(&str, i64); 11] = [
-    (CAN_NODE, 121),
+/// Node ID of the second board.
+const SECOND_NODE: i64 = 121;
+/// The settings of docs/autopilots.md for the motors of a quadcopter.
+const FOUR_MOTORS: [(&str, i64); 10] = [
     ("OUT_COUNT", 4),
     ("OUT1_TYPE", 1),
     ("OUT1_ID", 0),
@@ -473,7 +474,8 @@ impl Page {
             avr.reset(ResetCause::PowerOn);
             Ok(avr)
         };
-        let eeprom = node_ids::saved(powered()?, wiring, bit_rate, &SECOND)?;
+        let settings = [&[(CAN_NODE, SECOND_NODE)], &FOUR_MOTORS[..]].concat();
+        let eeprom = node_ids::saved(powered()?, wiring, bit_rate, &settings)?;
         let mut avr = powered()?;
         avr.set_eeprom(&eeprom.context("the program of the second board has no motors")?);
         self.world.add_second(avr, wiring)?;
@@ -561,6 +563,11 @@ pub fn faults() -> String {
         |fault| json!({"name": fault.name(), "text": fault.explanation(), "lasts": fault.lasts()}),
     );
     faults.collect::<Json>().to_string()
+}
+
+/// Names and values of the parameters of four motors, a JSON array.
+pub fn four_motors() -> String {
+    json!(FOUR_MOTORS).to_string()
 }
 
 /// Event that marks a time in the plots and on the time line.

@@ -3,7 +3,7 @@
 import "./app.css";
 import "uplot/dist/uPlot.min.css";
 import wasm from "binary/web_bg.wasm";
-import { Program, Simulation, choices, faults, initSync } from "pkg/web.js";
+import { Program, Simulation, choices, faults, four_motors, initSync } from "pkg/web.js";
 import { OwnBoard } from "./board";
 import { Detail } from "./detail";
 import { byId, download, make, setPressed, setText } from "./dom";
@@ -53,16 +53,6 @@ const LANES: Lane[] = [
 ];
 /** The longest simulated time in which "One frame" waits for a frame. */
 const STEP_MS = 2000;
-
-/** The settings of docs/autopilots.md for the motors of a quadcopter. */
-const FOUR_MOTORS: [string, number][] = [
-  ["OUT_COUNT", 4],
-  ...[1, 2, 3, 4].flatMap((output): [string, number][] => [
-    [`OUT${output}_TYPE`, 1],
-    [`OUT${output}_ID`, output - 1],
-  ]),
-  ["ESC_RATE", 400],
-];
 
 const NO_LOADER = new Uint8Array();
 
@@ -135,6 +125,7 @@ class Page {
       this.load(this.own);
     }
   });
+  private readonly fourMotors: [string, number][] = JSON.parse(four_motors());
   private readonly faults = new Faults(JSON.parse(faults()), (name) => this.simulation.inject(name));
 
   constructor() {
@@ -424,7 +415,7 @@ class Page {
     const hasEscs = client.parameters.some(({ name }) => name === "ESC_RATE");
     setText(byId("all-outputs"), hasEscs ? "Use four motors" : "Use all outputs");
     if (this.expand?.step === "disarm" && now >= this.expand.at) {
-      const settings = hasEscs ? FOUR_MOTORS : [["OUT_COUNT", outputs.length] as const];
+      const settings = hasEscs ? this.fourMotors : [["OUT_COUNT", outputs.length] as const];
       settings.forEach(([name, value]) => this.simulation.set_parameter(name, value));
       this.simulation.save_parameters();
       this.simulation.restart();
