@@ -244,6 +244,7 @@ const tests = {
     await page.click("#can-names");
     await hasNode(page, 120, /OPERATIONAL/);
     await page.getByLabel("Node 120", { exact: true }).click();
+    await has(page, "#can-chosen", /Node 120/);
     await page.setInputFiles("#can-file", firmware("uno-seeed.elf"));
     await has(page, "#can-client", /ELF/);
     await page.setInputFiles("#can-file", firmware("uno-seeed.bin"));
