@@ -78,8 +78,8 @@ impl Bench {
     }
 
     /// Runs until `condition` holds, and returns true. It is asked each time the bus has been
-    /// stepped, so up to a frame after it became true. Returns false after `timeout` cycles, or if a
-    /// debugger halts a board.
+    /// stepped, so up to a frame after it became true. Returns false after `timeout` cycles, or if
+    /// a debugger halts a board.
     pub fn run_until_or(
         &mut self,
         mut condition: impl FnMut(&mut Bench) -> bool,
