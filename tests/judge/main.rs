@@ -27,7 +27,7 @@ use rig::observed::{Observer, Pair, WITH_CALL};
 use random::Random;
 
 /// How long the programs are generated, unless JUDGE_SECONDS says otherwise.
-const SECONDS: u64 = 40;
+const SECONDS: u64 = 60;
 /// Steps of a run, between which inputs change, and the most cycles of one.
 const STEPS: u32 = 4_000;
 const STEP_CYCLES: u64 = 70;
