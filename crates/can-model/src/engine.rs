@@ -311,13 +311,11 @@ impl Engine {
         self.sending.map(|sending| (sending.bits, sending.at))
     }
 
-    /// Passes this number of bits, which is not 0, after which the parser is that of `other`.
+    /// Passes this number of bits, after which the parser is that of `other`.
     pub(super) fn follow(&mut self, other: &Engine, bits: u8) {
         self.parser = other.parser;
-        self.driven = Level::Recessive;
         if let Some(sending) = &mut self.sending {
             sending.at += bits;
-            self.driven = sending.bits.get(sending.at - 1);
         }
     }
 

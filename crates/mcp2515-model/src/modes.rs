@@ -58,7 +58,7 @@ impl Mode {
         }
     }
 
-    fn is_on_the_bus(self) -> bool {
+    pub(super) fn is_on_the_bus(self) -> bool {
         matches!(self, Mode::Normal | Mode::ListenOnly)
     }
 }

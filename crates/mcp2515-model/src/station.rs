@@ -118,7 +118,7 @@ impl Station for Mcp2515 {
     fn skip_idle(&mut self, _bits: u64) {}
 
     fn follower(&mut self) -> Option<&mut Engine> {
-        let is_steady = matches!(self.mode, Mode::Normal | Mode::ListenOnly)
+        let is_steady = self.mode.is_on_the_bus()
             && self.leaving.is_none()
             && self.joining.is_none()
             && self.request.is_none()
@@ -131,8 +131,10 @@ impl Mcp2515 {
     /// A reset at `at`: the bus, which may lag behind, goes on with the engine of before up to
     /// then.
     pub(super) fn leave_bus(&mut self, at: Cycles) {
-        let is_on_the_bus = matches!(self.mode, Mode::Normal | Mode::ListenOnly);
-        if self.leaving.is_none() && is_on_the_bus && self.joining.is_none() && !self.can.is_idle()
+        if self.leaving.is_none()
+            && self.mode.is_on_the_bus()
+            && self.joining.is_none()
+            && !self.can.is_idle()
         {
             let bit_ps = self.bit_time_ps();
             let engine = self.can.clone();

@@ -12,7 +12,7 @@
 
 use super::{Bus, IDLE_HORIZON_BITS};
 use crate::port::{Pace, PortId};
-use crate::wire::{Level, WireBits};
+use crate::wire::WireBits;
 use sim_base::Cycles;
 
 /// A frame and its only sender.
@@ -89,17 +89,12 @@ impl Bus {
             self.recorder.bit(level, start, end);
             self.clock.advance(1);
         }
-        for (at, port) in self.ports.iter_mut().enumerate() {
+        for port in self.ports.iter().filter(|port| port.pace != Pace::Off) {
             let mut station = port.station.borrow_mut();
-            port.driven = Level::Recessive;
-            if port.pace == Pace::Off {
-            } else if !port.connected {
+            if !port.connected {
                 station.skip_idle(bits);
             } else if let Some(engine) = station.follower() {
                 engine.follow(self.recorder.observer(), bits as u8);
-                if PortId(at) == stretch.sender {
-                    port.driven = self.level;
-                }
             }
         }
         true
