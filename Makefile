@@ -136,7 +136,7 @@ bounds: firmware ## prove stack and cycles of the firmware from its machine code
 # The clients mostly wait for real time, so what only computes runs beside them and gives way.
 PARTS := test-clients test-firmware test-uno test-host test-bounds test-library sources pages
 test: export CARGO_BUILD_WARNINGS := deny
-test: setup-test ## what CI runs, except the page; about 25 minutes the first time
+test: setup-test ## what CI runs, except the page; a quarter of an hour
 	@$(SIDE_BY_SIDE)3 $(PARTS)
 
 firmwares: setup-build
