@@ -44,7 +44,7 @@ const TX_TIMEOUT_CHECKS: u8 = (TX_TIMEOUT_MS / SUPERVISION_MS as u16) as u8 + 1;
 const PASSIVE_CHECKS: u8 = 4;
 
 /// The first of the last four supervisions of each [`TX_TIMEOUT_MS`]: from it on a chip gets frames
-/// although one failed and the bit rate of the bus is unknown.
+/// although its first one failed and the bit rate of the bus is unknown.
 const FIRST_TRIAL_CHECK: u8 = TX_TIMEOUT_CHECKS - 4;
 
 /// The unit of the time for which a chip hears nothing, in milliseconds.
@@ -62,7 +62,7 @@ enum BusRate {
     Same = MODE_NORMAL,
     /// No frame has passed since the start, since the chip was error-passive or bus-off, or for
     /// [`TX_TIMEOUT_MS`]. The chip tries each frame once, and the driver looks at its errors in
-    /// every second turn. After a failed frame the next ones wait: see [`FIRST_TRIAL_CHECK`].
+    /// every second turn. After the first frame the next ones wait: see [`FIRST_TRIAL_CHECK`].
     Unknown = MODE_NORMAL | OSM,
     /// It is another one. The chip only listens.
     Another = MODE_LISTEN_ONLY,
@@ -170,7 +170,8 @@ pub struct Driver<C, INT, A> {
     is_to_look: bool,
     /// The value of CANCTRL that was written last.
     canctrl: u8,
-    /// The time since a chip that listens has heard something, in [`LISTENING_MS`].
+    /// The time since a chip that listens has heard something, in [`LISTENING_MS`]. On the bus 0
+    /// until there was room for a first frame.
     silence: u8,
     /// The last part of a supervision that was done.
     part: u8,
@@ -453,17 +454,20 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     /// [`State::has_room`] is true.
     ///
     /// While the bit rate of the bus is unknown, each frame that the chip sends may destroy one of
-    /// the others, and nobody tells it so: a sparse bus is silent most of the time. So after a
-    /// frame that failed, and did not only lose arbitration, there is room in 40 ms of each
-    /// [`TX_TIMEOUT_MS`].
+    /// the others, and nobody tells it so: a sparse bus is silent most of the time, and to lose
+    /// against an error frame looks like a lost arbitration. So until a frame has passed there is
+    /// room for one, and then in the last 40 ms of each [`TX_TIMEOUT_MS`].
     #[inline(never)]
     pub fn find_room(&mut self) {
-        if self.step == Step::RUNNING
-            && (self.bus_rate == BusRate::Same
-                || self.tx_checks >= FIRST_TRIAL_CHECK
-                || self.chip.read(TEC) == 0)
+        if self.step != Step::RUNNING {
+            return;
+        }
+        self.check_waiting();
+        if self.bus_rate == BusRate::Same
+            || self.silence == 0
+            || self.tx_checks >= FIRST_TRIAL_CHECK
         {
-            self.check_waiting();
+            self.silence = 1;
             self.room = self.tx.next(self.tx_waiting);
         }
     }
@@ -570,6 +574,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     #[inline(never)]
     fn rejoin(&mut self) {
         self.bus_rate = BusRate::Unknown;
+        self.silence = 0;
         self.restart();
     }
 

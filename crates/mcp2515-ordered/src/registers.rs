@@ -30,7 +30,6 @@ pub mod status {
 
 pub const CANSTAT: u8 = 0x0E;
 pub const CANCTRL: u8 = 0x0F;
-pub const TEC: u8 = 0x1C;
 pub const REC: u8 = 0x1D;
 /// From here on follow CNF3, CNF2, CNF1, CANINTE, CANINTF, EFLG, and CANSTAT and CANCTRL again.
 pub const CNF3: u8 = 0x28;

@@ -332,6 +332,19 @@ fn a_node_of_another_rate_on_a_sparse_bus_disturbs_few_frames() {
     }
 }
 
+/// Each tries its first frame. One frame of an eighth of the bus's rate makes the others
+/// error-passive, so several such nodes then acknowledge each other.
+#[test]
+fn several_nodes_of_another_rate_on_a_bus_with_a_frame_a_second_disturb_few_frames() {
+    for (bus_rate, rate) in pairs() {
+        for nodes in if bus_rate == 8 * rate { 1..=1 } else { 1..=8 } {
+            for is_plugged_in in [true, false] {
+                assert_quiet_beside(SPARSE[0], (bus_rate, rate), nodes, is_plugged_in);
+            }
+        }
+    }
+}
+
 /// Its frames passed a moment ago.
 #[test]
 fn a_cable_that_is_moved_to_a_bus_of_another_rate_disturbs_few_frames() {

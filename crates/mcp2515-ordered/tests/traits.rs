@@ -277,6 +277,8 @@ fn on_a_shared_bus_a_frame_is_sent_in_two_halves_or_in_one() {
     driver.find_room();
     driver.begin_transmit(&frame(0));
     driver.finish_transmit(&frame(0));
+    poll(&mut can, 1);
+    let driver = can.driver();
     driver.find_room();
     driver.transmit(&frame(1));
     poll(&mut can, 1);
