@@ -220,8 +220,8 @@ impl Node {
     }
 
     /// Has the parameters applied after some were set.
-    #[inline(always)]
     pub fn apply_parameters(&mut self) {
+        self.store.save_again();
         self.control.outputs.begin_update();
         self.chores.add(Chore::ApplyParameters);
     }

@@ -165,6 +165,9 @@ impl Node {
             self.apply_parameters();
         }
         let is_done = opcode == OPCODE_SAVE || erases;
+        if is_done {
+            self.store.save();
+        }
         Reply { argument: is_done.into(), ..Reply::of(Line::Request) }
     }
 
@@ -175,9 +178,6 @@ impl Node {
     ) -> bool {
         let mut is_done = pending.argument != 0;
         if is_done {
-            if self.parameters.take_change() {
-                self.store.save();
-            }
             if self.store.is_saving() {
                 self.transmission.services.postpone(context.now_ms);
                 return false;
@@ -186,9 +186,6 @@ impl Node {
             if is_done {
                 self.record.health.clear(Conditions::PARAMETERS_LOST);
                 self.update.parameters_are_saved();
-            } else {
-                // The next SAVE tries again.
-                self.parameters.are_not_saved();
             }
             context.monitor.log_line(if is_done { Line::Saved } else { Line::NotSaved });
         }
@@ -222,7 +219,9 @@ impl Node {
             error = ERROR_OK;
             // The outputs may be in use again since the request.
             self.calls_off_update(context.monitor);
-            if !self.update.is_accepted() {
+            if self.update.is_accepted() {
+                self.update.answer();
+            } else {
                 verdict = Verdict::IN_USE;
                 error = ERROR_INVALID_MODE;
             }

@@ -66,6 +66,10 @@ fn is_usable(marker: u8) -> bool {
     marker & !COUNT_MASK == LAYOUT
 }
 
+/// In place of the marker to write now: the parameters are compared with those in the EEPROM, and
+/// no byte is written unless one differs. No record has it.
+const COMPARED: u8 = 1;
+
 /// The marker of the unique ID.
 const UNIQUE_ID_MARKER: u8 = 0;
 
@@ -86,13 +90,16 @@ const SAMPLES: u8 = 64;
 /// next one, too. Clients wait for a second; `tests/boards/parameters.rs` limits a save to 0.95 s.
 const STEPS: u8 = if OUTPUTS == 1 { 1 } else { 2 };
 
+/// The same while the store compares, before the first write. Eight steps take 65 us.
+const STEPS_OF_COMPARISON: u8 = if OUTPUTS == 1 { 1 } else { 8 };
+
 /// The state of a save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 enum Saving {
     /// The EEPROM has the parameters that were in force.
     Done,
-    /// The EEPROM did not keep a byte.
+    /// The EEPROM did not keep a byte, or the newer record was lost.
     Failed,
     /// The save is in progress.
     Going,
@@ -138,7 +145,7 @@ impl Store {
         // An ID of zeros would be invalid.
         id[0] |= 1;
         self.base = UNIQUE_ID;
-        self.begin(UNIQUE_ID_LEN + CRC_LEN);
+        self.begin(UNIQUE_ID_LEN + CRC_LEN, NO_RECORD);
         // Writes 20 bytes of 3.4 ms each; a turn takes 25 cycles or more. The limit ends the loop
         // if the EEPROM stays busy.
         let mut turns = u16::MAX;
@@ -176,7 +183,7 @@ impl Store {
             self.base = base ^ OTHER;
             self.next_marker = next(marker);
             if is_lost {
-                parameters.are_not_saved();
+                self.saving = Saving::Failed;
             }
             return parameters.repair(flash) || is_lost;
         }
@@ -188,9 +195,21 @@ impl Store {
         has_parameters(eeprom)
     }
 
-    /// Begins to save the parameters in force.
+    /// Begins to save the parameters in force, unless a save is in progress. If the EEPROM has
+    /// them, no byte is written.
     pub fn save(&mut self) {
-        self.begin(MARKER);
+        if self.saving == Saving::Done {
+            self.begin(0, COMPARED);
+        } else if self.saving == Saving::Failed {
+            self.begin(MARKER, NO_RECORD);
+        }
+    }
+
+    /// Begins the save in progress again, if there is one: a parameter has changed.
+    pub fn save_again(&mut self) {
+        if self.is_saving() {
+            self.begin(MARKER, NO_RECORD);
+        }
     }
 
     /// True while a save is in progress.
@@ -203,14 +222,12 @@ impl Store {
         self.saving == Saving::Done
     }
 
-    /// Does the next step of a save in progress. Starts the save again if a parameter changed. Call
-    /// in the main loop: takes 10 us, or much less while a byte is being written.
+    /// Does the next step of a save in progress. Call in the main loop: takes 10 us, or much less
+    /// while a byte is being written.
     pub fn step(&mut self, parameters: &mut Parameters, eeprom: &mut impl Eeprom) {
-        for _ in 0..STEPS {
+        let steps = if self.marker == COMPARED { STEPS_OF_COMPARISON } else { STEPS };
+        for _ in 0..steps {
             if self.is_saving() {
-                if parameters.take_change() {
-                    self.save();
-                }
                 self.write(parameters.bytes(), eeprom);
             }
         }
@@ -218,9 +235,9 @@ impl Store {
 
     /// Begins to write the current record: erases its marker, which is at offset `end`.
     #[inline(never)]
-    fn begin(&mut self, end: u8) {
-        self.place = end;
-        self.marker = NO_RECORD;
+    fn begin(&mut self, place: u8, marker: u8) {
+        self.place = place;
+        self.marker = marker;
         self.saving = Saving::Going;
     }
 
@@ -232,13 +249,25 @@ impl Store {
         }
         let end = (bytes.len() as u8).wrapping_add(CRC_LEN);
         let mut byte = self.marker;
+        let is_comparing = self.marker == COMPARED;
         if self.place != end {
-            // After the bytes comes the high byte of the CRC. Adding that byte to the CRC moves the
-            // low byte into its place.
-            byte = bytes.get(usize::from(self.place)).copied().unwrap_or((self.crc >> 8) as u8);
+            byte = match bytes.get(usize::from(self.place)) {
+                Some(&byte) => byte,
+                None if is_comparing => {
+                    self.saving = Saving::Done;
+                    return;
+                }
+                // After the bytes comes the high byte of the CRC. Adding that byte to the CRC moves
+                // the low byte into its place.
+                None => (self.crc >> 8) as u8,
+            };
         }
-        let at = self.base.wrapping_add(self.place.into());
+        let base = if is_comparing { self.base ^ OTHER } else { self.base };
+        let at = base.wrapping_add(self.place.into());
         if eeprom.read(at) != byte {
+            if is_comparing {
+                return self.begin(MARKER, NO_RECORD);
+            }
             if self.saving == Saving::Trying {
                 self.saving = Saving::Failed;
                 return;

@@ -63,7 +63,6 @@ impl Eeprom for Model {
 fn loaded(eeprom: &Model) -> (Store, Parameters, bool) {
     let (mut store, mut parameters) = (Store::new(), Parameters::new());
     let is_lost = store.load(&mut parameters, eeprom, InMemory);
-    parameters.take_change();
     (store, parameters, is_lost)
 }
 
@@ -79,7 +78,6 @@ fn set(number: u16) -> Parameters {
             parameters.set(index, value.into(), InMemory);
         }
     }
-    parameters.take_change();
     parameters
 }
 
@@ -219,7 +217,6 @@ fn a_parameter_changed_during_a_save_is_saved_and_never_mixed_in() {
     let before = set(200);
     let mut after = before;
     assert!(after.set(Parameter::TempId.index(), VALUE.into(), InMemory));
-    after.take_change();
     for changed_at in 0..120 {
         for cut in 0..130 {
             let mut eeprom = start.clone();
@@ -231,6 +228,7 @@ fn a_parameter_changed_during_a_save_is_saved_and_never_mixed_in() {
             while store.is_saving() && eeprom.writes <= cut {
                 if steps == changed_at {
                     parameters.set(Parameter::TempId.index(), VALUE.into(), InMemory);
+                    store.save_again();
                 }
                 store.step(&mut parameters, &mut eeprom);
                 eeprom.busy.set(0);

@@ -270,14 +270,3 @@ fn values_below_zero_come_back_below_zero() {
     assert_eq!(parameters.get(Parameter::TempMin) as i16, -55);
     assert_eq!(numbers(&parameters, Parameter::TempMin.index()), [-55, -40, 150, -55]);
 }
-
-#[test]
-fn a_change_is_noted_once_and_a_refusal_is_none() {
-    let mut parameters = fresh();
-    assert!(parameters.take_change(), "defaults are a change");
-    assert!(!parameters.take_change());
-    assert!(!set(&mut parameters, OutputParameter::Min.of(0).index(), 3000));
-    assert!(!parameters.take_change());
-    assert!(set(&mut parameters, OutputParameter::Min.of(0).index(), 900));
-    assert!(parameters.take_change());
-}

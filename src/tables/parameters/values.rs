@@ -12,15 +12,12 @@ use crate::tables::bit_rate::{HIGHEST_RATE, LOWEST, in_bits_per_second};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Parameters {
     pub(super) values: [[u8; VALUE_LEN as usize]; COUNT],
-    /// True if a value may have changed since the last [`take_change`](Self::take_change), or if
-    /// the EEPROM may not have the values.
-    has_changed: bool,
 }
 
 impl Parameters {
     /// All values zero, until they are loaded.
     pub const fn new() -> Self {
-        Self { values: [[0; VALUE_LEN as usize]; COUNT], has_changed: false }
+        Self { values: [[0; VALUE_LEN as usize]; COUNT] }
     }
 
     /// The value of a parameter, in two's complement if its minimum is negative.
@@ -51,17 +48,6 @@ impl Parameters {
     /// The values for the store, two bytes each.
     pub(crate) fn bytes(&mut self) -> &mut [u8] {
         self.values.as_flattened_mut()
-    }
-
-    /// True if a value may have changed since the last call, or if the EEPROM may not have the
-    /// values.
-    pub(crate) fn take_change(&mut self) -> bool {
-        core::mem::take(&mut self.has_changed)
-    }
-
-    /// Notes that the EEPROM may not have the values.
-    pub(crate) fn are_not_saved(&mut self) {
-        self.has_changed = true;
     }
 
     /// The index of the parameter with this name; [`NONE`] if no parameter has it.
@@ -117,11 +103,7 @@ impl Parameters {
         {
             return false;
         }
-        let value = &mut self.values[usize::from(index)];
-        if *value != low.to_le_bytes() {
-            *value = low.to_le_bytes();
-            self.has_changed = true;
-        }
+        self.values[usize::from(index)] = low.to_le_bytes();
         true
     }
 
@@ -146,7 +128,6 @@ impl Parameters {
             }
             at.row += 1;
         }
-        self.has_changed |= has_reset;
         has_reset
     }
 
