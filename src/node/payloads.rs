@@ -17,7 +17,7 @@ use crate::tables::parameters::{OutputParameter, Parameter, Parameters};
 const MODE_OPERATIONAL: u8 = 0;
 /// The node has measured no temperature yet.
 const MODE_INITIALIZATION: u8 = 1;
-/// The node has accepted an update, and ends its program soon.
+/// The node has answered that it updates itself, and ends its program soon.
 const MODE_SOFTWARE_UPDATE: u8 = 3;
 
 /// Where a payload goes, and what else it needs.
@@ -54,7 +54,7 @@ impl Node {
     /// The mode in NodeStatus.
     #[inline(never)]
     fn mode(&self) -> u8 {
-        if self.update.is_accepted() {
+        if self.update.is_answered() {
             MODE_SOFTWARE_UPDATE
         } else if self.sensors.temperature.is_known() {
             MODE_OPERATIONAL

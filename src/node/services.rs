@@ -133,10 +133,13 @@ impl Services {
         }
     }
 
-    /// Puts the oldest request, which waits for a save, behind all others, if others go first.
+    /// The oldest request waits for a save. Puts it behind all others, if others go first.
     pub fn postpone(&mut self, now_ms: u16) {
-        if ANSWERS_WHILE_SAVING {
+        // Between the answer and an update a status tells of it.
+        if ANSWERS_WHILE_SAVING || update::IS_THERE {
             self.accepted_ms = now_ms;
+        }
+        if ANSWERS_WHILE_SAVING {
             let pending = *self.place(0);
             *self.place(self.count) = pending;
             self.first = (self.first + 1) % WAITING as u8;

@@ -60,6 +60,8 @@ pub struct Update {
     has_loader: bool,
     /// True if the record of the bus in EEPROM may not be that of the parameters.
     is_record_due: bool,
+    /// The client knows that its request is accepted.
+    is_answered: bool,
     /// The accepted request, as the bootloader takes it. Its CRC is wrong if there is none.
     request: [u8; REQUEST_LEN],
 }
@@ -67,7 +69,12 @@ pub struct Update {
 impl Update {
     /// No request.
     pub const fn new() -> Self {
-        Self { has_loader: false, is_record_due: false, request: [0; REQUEST_LEN] }
+        Self {
+            has_loader: false,
+            is_record_due: false,
+            is_answered: false,
+            request: [0; REQUEST_LEN],
+        }
     }
 
     /// Notes if the bootloader takes updates over the bus.
@@ -139,9 +146,21 @@ impl Update {
         self.request[PATH_LEN + 1] != 0
     }
 
+    /// The answer says that the request is accepted. It may come some time after the request,
+    /// because it waits for a save.
+    pub fn answer(&mut self) {
+        self.is_answered = true;
+    }
+
+    /// True if a client was told that its request is accepted.
+    pub fn is_answered(&self) -> bool {
+        self.is_answered
+    }
+
     /// Forgets the accepted request.
     pub fn call_off(&mut self) {
         self.request[PATH_LEN + 1] = 0;
+        self.is_answered = false;
     }
 
     /// Returns the accepted request, if there is one, after the record of the bus is written. Takes

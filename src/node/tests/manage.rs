@@ -426,6 +426,9 @@ fn a_save_of_what_is_saved_writes_no_cell() {
     assert_eq!(rig.save(), saved);
     rig.get_set(&set(0, 1200, "OUT1_MIN"));
     assert_eq!(rig.save(), saved, "the same value was set");
+    rig.get_set(&set(0, 1300, "OUT1_MIN"));
+    rig.get_set(&set(0, 1200, "OUT1_MIN"));
+    assert_eq!(rig.save(), saved, "changed, and changed back");
     let mut rig = Rig::start(rig.board.memory, ResetCause::POWER_ON);
     rig.run(100);
     assert_eq!(rig.save(), saved, "after a start");
@@ -881,7 +884,14 @@ fn an_accepted_update_is_handed_over_with_server_path_node_id_and_bit_rate() {
     assert!(rig.program.node.hand_over(&mut eeprom).is_some());
 }
 
-/// The reply waits for the save. Meanwhile the vehicle may be armed.
+/// The mode of a NodeStatus.
+#[cfg(feature = "update")]
+fn mode(status: &Frame) -> u8 {
+    status.data()[4] >> 3 & 7
+}
+
+/// The reply waits for the save. Meanwhile the vehicle may be armed. No status says that the node
+/// updates itself unless it will.
 #[cfg(feature = "update")]
 #[test]
 fn an_update_that_is_called_off_during_a_save_is_rejected_in_the_reply() {
@@ -900,13 +910,16 @@ fn an_update_that_is_called_off_during_a_save_is_rejected_in_the_reply() {
         }
         rig.run(80);
         let mut waited_ms = 0;
-        let mut replies = Vec::new();
+        let (mut replies, mut modes) = (Vec::new(), Vec::new());
         while waited_ms < 1500 && !rig.is_to_restart {
             rig.run(1);
             waited_ms += 1;
+            let sent = rig.can.sent.iter().map(|(_, frame)| frame);
+            modes.extend(sent.filter(|sent| golden::id(sent) == NODE_STATUS).map(mode));
             replies.extend(rig.replies());
         }
         assert_eq!(rig.is_to_restart, !is_armed);
+        assert_eq!(modes.iter().any(|&mode| mode == 3), !is_armed, "{modes:?}");
         replies.retain(|frame| golden::id(frame) == 0x1E28_7FF8);
         if is_armed {
             let (payload, _) = golden::payload(0xB7D7_25DF_7272_4126, &replies);

@@ -65,6 +65,14 @@ impl Update {
     }
 
     /// Does nothing.
+    pub fn answer(&mut self) {}
+
+    /// False.
+    pub fn is_answered(&self) -> bool {
+        false
+    }
+
+    /// Does nothing.
     pub fn call_off(&mut self) {}
 
     /// `None`.
