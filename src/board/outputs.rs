@@ -41,9 +41,9 @@ mod edges;
 use super::chip::TC1;
 use super::pins::ServoSignal;
 use super::timer1;
-use edges::schedule::{TICKS_OF_TIMER0, pin, plus, register, tc1, width_of};
+use edges::schedule::{Event, TICKS_OF_TIMER0, pin, plus, register, tc1, width_of};
 use edges::{SCHEDULE, enable_interrupt, tc0};
-use firmware::hardware::OUTPUTS;
+use firmware::hardware::{HAS_ESCS, OUTPUTS};
 use firmware::parts::outputs::Pulses;
 use firmware::parts::outputs::travel::Ticks;
 use firmware::tables::parameters::{Layout, Parameters};
@@ -124,6 +124,23 @@ impl Pulses for Outputs {
         if self.is_single {
             timer1::set_width(&tc1(), width);
         }
+    }
+
+    #[inline(always)]
+    fn next(&self) -> Option<u8> {
+        if HAS_ESCS && self.layout != Layout::Slots {
+            return None;
+        }
+        let schedule = &raw const SCHEDULE;
+        // Safety: the pointer is to a static. One instruction reads each byte. If the handler
+        // changes one between the reads, the next output is followed one turn later.
+        let (output, event) = unsafe {
+            (
+                (&raw const (*schedule).output).read_volatile(),
+                (&raw const (*schedule).event).read_volatile(),
+            )
+        };
+        Some(output.wrapping_add((event != Event::Rise).into()))
     }
 
     fn set_level(&mut self, output: usize, is_high: bool) {

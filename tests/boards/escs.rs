@@ -310,14 +310,16 @@ fn assert_fresh(floods: &[(Setup, Traffic, Pace, Limit)], ms: u64) {
 }
 
 #[test]
-fn at_50_hz_a_pulse_has_a_command_of_the_last_4_ms_of_a_full_bus_and_of_servos_5() {
-    let setups = [Setup::of(Preset::Full, 8, 0), Setup::of(Preset::Full, 0, 8)];
-    let floods = setups.map(|setup| {
-        let traffic = if setup.motors > 0 { Traffic::Throttles(8) } else { Traffic::List(8) };
-        // A command of eight entries takes twice as many frames, and the entries more time.
-        let limit_us = if setup.motors > 0 { 4000 } else { 5000 };
-        (setup, traffic, Pace::Full, Limit::Us(limit_us))
-    });
+fn at_50_hz_a_pulse_has_a_command_of_the_last_4_ms_of_a_full_bus() {
+    let (servos, motors) = (Setup::of(Preset::Full, 8, 0), Setup::of(Preset::Full, 0, 8));
+    let floods = [
+        (servos, Traffic::List(8)),
+        (servos, Traffic::List(15)),
+        (motors, Traffic::Throttles(8)),
+        (motors, Traffic::Throttles(20)),
+        (Setup { escs: Escs::Slow, ..FOUR }, Traffic::Throttles(4)),
+    ]
+    .map(|(setup, traffic)| (setup, traffic, Pace::Full, Limit::Us(4000)));
     assert_fresh(&floods, 1500);
 }
 

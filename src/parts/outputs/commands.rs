@@ -89,8 +89,8 @@ impl Outputs {
         }
         if OUTPUTS > 1 {
             if self.waiting == 0 {
-                // Begin with the highest output, so that the command is followed in one round.
-                self.last = (0, 1);
+                // Begin with the lowest output, so that the command is followed in one round.
+                self.last = u8::MAX;
             }
             self.lowest = self.lowest & !outputs | outputs & outputs.wrapping_neg();
         }
@@ -133,7 +133,7 @@ impl Outputs {
         parameters: &Parameters,
         board: &mut impl Pulses,
     ) -> Followed {
-        let (output, bit) = self.next_waiting();
+        let (output, bit) = self.next_waiting(board.next());
         self.waiting &= !bit;
         self.kinds.unpack(bit, &mut self.each[place(output)]);
         let Command { source, transfer, unit, .. } = self.each[place(output)].entry;
@@ -177,25 +177,25 @@ impl Outputs {
         Followed { line, commander, is_second }
     }
 
-    /// The next output whose entry waits: from one output to the one before it, so that each has
-    /// its turn also if newer commands come meanwhile.
+    /// The next output whose entry waits: that whose pulse begins next, which has the number `next`
+    /// or a higher one. If all begin together, each has its turn, also if newer commands come
+    /// meanwhile.
     #[inline(always)]
-    fn next_waiting(&mut self) -> (usize, u8) {
+    fn next_waiting(&mut self, next: Option<u8>) -> (usize, u8) {
         if OUTPUTS == 1 {
             return (0, 1);
         }
-        let (mut output, mut bit) = self.last;
+        let mut output = place(next.unwrap_or(self.last.wrapping_add(1)).into());
+        let mut bit = super::bit(output);
         for _ in 0..OUTPUTS {
-            output = output.wrapping_sub(1);
-            bit >>= 1;
-            if bit == 0 {
-                (output, bit) = (OUTPUTS as u8 - 1, 1 << (OUTPUTS - 1));
-            }
             if self.waiting & bit != 0 {
                 break;
             }
+            output += 1;
+            bit = bit.rotate_left(1);
         }
-        self.last = (output, bit);
-        (output.into(), bit)
+        let output = place(output);
+        self.last = output as u8;
+        (output, bit)
     }
 }

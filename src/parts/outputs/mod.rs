@@ -68,15 +68,15 @@ pub struct Outputs {
     used: u8,
     /// Outputs whose entry waits to be followed: bit n is output n.
     waiting: u8,
-    /// The lowest output of each command: bit n is output n. It is followed after the others of the
-    /// command, which is then counted and logged.
+    /// The lowest output of each command: bit n is output n. When it is followed, the command is
+    /// counted and logged.
     lowest: u8,
     /// Outputs whose last followed command was logged in this second: bit n is output n.
     logged: u8,
     /// Seconds that the outputs are in use since the last followed command. For updates.
     recent_s: u8,
-    /// The output that has followed an entry last, and its bit, which takes 38 cycles to compute.
-    last: (u8, u8),
+    /// The output that has followed an entry last.
+    last: u8,
     /// Outputs in failsafe: bit n is output n.
     failing: u8,
     /// `failing` when it was reported last, and at the beginning of the last round of `tick`.
@@ -118,7 +118,7 @@ impl Outputs {
             lowest: 0,
             logged: 0,
             recent_s: 0,
-            last: (0, 0),
+            last: 0,
             failing: 0,
             reported: 0,
             seen: 0,

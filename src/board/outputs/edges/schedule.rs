@@ -81,7 +81,7 @@ pub struct Schedule {
     layout: Layout,
     /// The next event, and its output.
     pub event: Event,
-    output: u8,
+    pub output: u8,
     /// The last output in use.
     last: u8,
     pub change: Moment,
