@@ -90,8 +90,8 @@ const SAMPLES: u8 = 64;
 /// next one, too. Clients wait for a second; `tests/boards/parameters.rs` limits a save to 0.95 s.
 const STEPS: u8 = if OUTPUTS == 1 { 1 } else { 2 };
 
-/// The same while the store compares, before the first write. Eight steps take 65 us.
-const STEPS_OF_COMPARISON: u8 = if OUTPUTS == 1 { 1 } else { 8 };
+/// The same while the store compares, before the first write. 16 steps take 130 us.
+const STEPS_OF_COMPARISON: u8 = if OUTPUTS == 1 { 1 } else { 16 };
 
 /// The state of a save.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -190,6 +190,22 @@ fn saving_does_not_delay_commands_or_pulses() {
     rig.wait_for_line(&format!("commands followed {}, frames refused 0", commands + 1), 300);
 }
 
+/// The comparison ends at the last parameter, and the other copy is erased.
+#[test]
+fn the_longest_save_ends_before_a_client_gives_up() {
+    let mut rig = Rig::running();
+    rig.save();
+    let &(name, default, min, max) = parameters().last().expect("a parameter");
+    rig.set(name, if default == max { min } else { max });
+    rig.forget();
+    let begun = rig.now();
+    rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
+    rig.wait_for("an answer", 1000, |rig| !rig.answers().is_empty());
+    let took_ms = ms_between(begun, rig.answers()[0].0);
+    println!("{took_ms} ms");
+    assert!(took_ms < if rig::has_all_features() { 960.0 } else { 500.0 });
+}
+
 #[test]
 fn a_parameter_set_during_a_save_is_saved_completely_or_not_at_all() {
     for delay_ms in [1, 20, 60, 100, 140] {
