@@ -200,7 +200,7 @@ impl<'a, 'b> Timing<'a, 'b> {
     /// The parts of a function, in order.
     pub fn order(&mut self, entry: Entry, summary: &Summary) -> Rc<Order> {
         let order = self.orders.entry(entry).or_insert_with(|| {
-            let parts = parts(&summary.edges, entry.address);
+            let parts = parts(&summary.edges, entry.address, summary.exit.is_none());
             Rc::new(Order { heads: heads(&parts), parts })
         });
         order.clone()

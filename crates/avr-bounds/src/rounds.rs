@@ -49,6 +49,9 @@ struct Rounds<'a> {
 impl<'a> Timing<'a, '_> {
     /// Follows a loop until nothing goes back to its head.
     pub(crate) fn rounds(&mut self, run: &mut Run, inner: &Loop) -> Result<()> {
+        for at in &inner.lead {
+            self.instruction(run, *at)?;
+        }
         if run.is_endless(inner) {
             return self.endless(run, inner);
         }
