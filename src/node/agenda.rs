@@ -16,7 +16,7 @@ pub const FRAMES_IN_A_ROW: u8 = 16;
 
 /// Frames after which an entry of a command is followed although more wait. With one output every
 /// second frame of a full bus leaves time to follow one. In a build for eight a frame takes longer:
-/// after 16 frames the queue has at most five frames in the worst flood, after 12 seven, and after
+/// after 16 frames the queue has at most six frames in the worst flood, after 12 seven, and after
 /// eight it becomes full.
 pub const FRAMES_BEFORE_ENTRY: u8 = if OUTPUTS == 1 { 2 } else { 16 };
 
