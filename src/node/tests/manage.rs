@@ -919,7 +919,7 @@ fn an_update_that_is_called_off_during_a_save_is_rejected_in_the_reply() {
             replies.extend(rig.replies());
         }
         assert_eq!(rig.is_to_restart, !is_armed);
-        assert_eq!(modes.iter().any(|&mode| mode == 3), !is_armed, "{modes:?}");
+        assert_eq!(modes.contains(&3), !is_armed, "{modes:?}");
         replies.retain(|frame| golden::id(frame) == 0x1E28_7FF8);
         if is_armed {
             let (payload, _) = golden::payload(0xB7D7_25DF_7272_4126, &replies);
