@@ -192,6 +192,7 @@ mod tests {
         let parts = parts(&edges(&[(0, 2), (0, 4), (2, 4), (4, 2), (4, 6)]), 0, false);
         assert_eq!(heads(&parts).len(), 1);
     }
+
     /// One round in four sets a register at 2, and the others come back to 4.
     #[test]
     fn a_main_loop_begins_where_most_rounds_come_back() {
