@@ -181,6 +181,9 @@ class Station:
         )
 
     def restart(self, component=NODE):
+        # Only an uptime that is less than the one before tells of a restart.
+        while not self.wait_for("UAVCAN_NODE_STATUS", component).uptime_sec:
+            pass
         assert (
             self.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1, component=component).result
             == ACCEPTED

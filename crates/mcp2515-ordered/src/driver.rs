@@ -26,8 +26,9 @@ const LEAVE_MS: u8 = 3;
 pub const RETRY_MS: u8 = 100;
 
 /// Timeout of frames that wait to be sent, in milliseconds. An older frame is of no use to most
-/// receivers.
-pub const TX_TIMEOUT_MS: u16 = 1000;
+/// receivers. Each node of DroneCAN sends once a second: a chip of another bit rate hears one of
+/// the others before it tries its second frame.
+pub const TX_TIMEOUT_MS: u16 = 1050;
 
 /// Time from RESET to the first access, in milliseconds. The oscillator takes 128 cycles to start
 /// (DS20001801J 8.1), 8 us at 16 MHz. The first tick of the clock may come at once, so two ticks

@@ -87,7 +87,7 @@
 //! costs the others nothing. The chip comes back when it hears a frame without an error, or when
 //! the bus is silent for a second.
 //! On a bus where the others rarely send, only the chip's own frames show that something is wrong.
-//! So until one has passed there is room for one frame, and then in the last 40 ms of each second
+//! So until one has passed there is room for one frame, and then in the last 40 ms of each 1050 ms
 //! only.
 //! An error-passive chip, bus-off, or a second in which nothing could be sent also leads back to
 //! the beginning, because the cable may be plugged in elsewhere.

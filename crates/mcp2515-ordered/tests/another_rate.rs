@@ -332,6 +332,25 @@ fn a_node_of_another_rate_on_a_sparse_bus_disturbs_few_frames() {
     }
 }
 
+/// It hears the frame of the one that sends before it tries its second one, whenever it starts.
+#[test]
+fn a_node_of_another_rate_beside_one_that_sends_once_a_second_disturbs_few_frames() {
+    for pair in pairs() {
+        for begin_ms in [4, 20, 50, 300, 960, 990] {
+            let mut world = World::new(pair.0);
+            world.add_talker(1);
+            world.add_talker(1);
+            // It only acknowledges.
+            world.talkers[1].next = Cycles::MAX;
+            world.run_ms(begin_ms);
+            world.add_node(pair.1, true);
+            world.run_ms(3000);
+            let errors = world.take_errors();
+            assert!(errors <= FIRST_ERRORS, "{pair:?} from {begin_ms} ms: {errors} error frames");
+        }
+    }
+}
+
 /// Each tries its first frame. One frame of an eighth of the bus's rate makes the others
 /// error-passive, so several such nodes then acknowledge each other.
 #[test]
