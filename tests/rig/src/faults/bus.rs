@@ -252,9 +252,9 @@ pub const BROKEN_WHILE_STARTING: Case = Case {
 pub const OWN_RATE_WRONG: Case = Case {
     fault: "the node itself is set to another bit rate than the bus",
     noticed: "the first disturbed frame before one has passed (bit 8), on the serial monitor only",
-    reaction: "listens only, after at most 20 error frames, or 60 on a bus on which \
-               nobody sends. Correct its bit rate \
-               on a bus that has the node's rate",
+    reaction: "listens only, after at most 20 error frames; on a bus on which nobody sends it \
+               tries its status each second. Correct its bit rate on a bus that has the node's \
+               rate",
     servo: "no pulse before the first command",
     logged_limit_ms: Some(1300),
     limit_ms: BUS_LIMIT_MS,
