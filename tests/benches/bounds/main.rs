@@ -80,7 +80,9 @@ fn main() {
         }
     }
     let reception = format!("{}\n{receptions}\n{}\n{queues}", reception::TEXT, reception::QUEUE);
-    let part = format!("{HEADING}\n\n{TEXT}\n{figures}\n{TURNS}\n{turns}\n{reception}");
+    let measured = rig::page::measured();
+    let part =
+        format!("{HEADING}\n\n{TEXT}\n{figures}\n{TURNS}\n{turns}\n{reception}\n\n{measured}");
     print!("{part}");
     rig::page::write_part(HEADING, &part);
 }

@@ -1,17 +1,19 @@
 //! Counts the frames that each program loses on a full bus of 1 Mbit/s, with random values, for ten
-//! simulated minutes of each kind of frame. Prints a line after each, and writes its part of
-//! docs/benchmarks.md with the sentence that README.md and docs/decisions.md quote.
+//! simulated minutes of each kind of frame. Prints a line after each, and writes it into its part
+//! of docs/benchmarks.md with the sentence that README.md and docs/decisions.md quote.
 //!
 //! `NODE_BOARD` chooses the programs: those of the Diecimila (ATmega168) or of the Uno
 //! (ATmega328P). `MINUTES` is another duration, such as 0.1; the page is then not written. With
 //! `WHY=1` it also prints the turns of the main loop in which the queue of received frames became
-//! full, with their cycles. `ONLY` selects the floods whose row contains this text.
+//! full, with their cycles. `ONLY` selects the floods whose row contains this text: the page keeps
+//! the other rows.
 
 mod page;
 
+use std::sync::Mutex;
 use std::time::Instant;
 
-use page::Row;
+use page::{Page, Row};
 use rig::flood::{Pace, Scenario, Setup, Traffic, run};
 use rig::parallel;
 
@@ -45,25 +47,27 @@ fn main() {
     let setups = Setup::ALL.into_iter().filter(|setup| setup.chip() == chip);
     let is_set = |name: &str| std::env::var(name).is_ok_and(|text| !text.is_empty());
     let only = std::env::var("ONLY").unwrap_or_default();
-    let floods: Vec<Scenario> = setups
+    let all: Vec<Scenario> = setups
         .flat_map(floods)
         .map(|flood| Scenario { explains: is_set("WHY"), ..flood })
-        .filter(|flood| page::name(*flood).contains(&only))
         .collect();
+    let floods: Vec<Scenario> =
+        all.iter().copied().filter(|flood| page::name(*flood).contains(&only)).collect();
+    let page = Mutex::new(Page::new(chip, minutes, &all));
+    let commit = rig::page::commit();
     let begun = Instant::now();
     let rows = parallel::each(&floods, |&scenario| {
         let outcome = run(scenario, (minutes * 60_000.0) as u64);
-        let row = Row::of(scenario, &outcome);
+        let row = Row::of(scenario, &outcome, &commit);
         let mut text = format!("{:5.0} s  {row}\n", begun.elapsed().as_secs_f64());
         for turns in &outcome.fills {
             text += &format!("  the queue became full after these turns, cycles:\n{turns}\n");
         }
         eprint!("{text}");
+        if minutes == MINUTES {
+            page.lock().expect("no row failed").write(&row);
+        }
         row
     });
-    let part = page::part(&rows, chip, minutes);
-    print!("{part}");
-    if minutes == MINUTES && only.is_empty() {
-        page::write(&part, chip);
-    }
+    print!("{}", page::part(&rows, chip, minutes));
 }

@@ -5,66 +5,58 @@ use std::fmt::{self, Write as _};
 use bench::avr::Chip;
 use rig::flood::{Outcome, Pace, Scenario, Traffic, Unit};
 
-/// What one flood measured.
+/// What one flood measured: the cells of its row.
+#[derive(Clone)]
 pub struct Row {
-    program: String,
-    flood: String,
-    frames: u64,
-    lost: u64,
-    commands: u64,
-    superseded: u64,
-    /// Longest release of a frame in cycles.
-    release: u32,
-    /// Most frames in the firmware's queue, and its places.
-    deepest: u8,
-    places: u8,
-    /// Longest time until the newest value was in the output, in cycles.
-    newest: u32,
+    cells: [String; COLUMNS],
 }
 
+const COLUMNS: usize = 10;
+
 impl Row {
-    pub fn of(scenario: Scenario, outcome: &Outcome) -> Row {
+    pub fn of(scenario: Scenario, outcome: &Outcome, commit: &str) -> Row {
+        let (frames, lost) = (outcome.frames(), outcome.meter.lost);
         Row {
-            program: scenario.setup.to_string(),
-            flood: flood(scenario),
-            frames: outcome.frames(),
-            lost: outcome.meter.lost,
-            commands: outcome.commands,
-            superseded: outcome.register.superseded,
-            release: outcome.meter.latency.max(),
-            deepest: outcome.deepest,
-            places: outcome.places,
-            newest: outcome.longest_to_follow(),
+            cells: [
+                scenario.setup.to_string(),
+                flood(scenario),
+                frames.to_string(),
+                lost.to_string(),
+                frames.checked_div(lost).map_or("none".into(), |frames| format!("1 in {frames}")),
+                format!("{} of {}", outcome.register.superseded, outcome.commands),
+                outcome.meter.latency.max().to_string(),
+                format!("{} of {}", outcome.deepest, outcome.places),
+                format!("{:.0} us", f64::from(outcome.longest_to_follow()) / 16.0),
+                format!("`{commit}`"),
+            ],
         }
     }
 
-    /// The loss as "none" or "1 in 35".
-    fn loss(&self) -> String {
-        match self.lost {
-            0 => "none".into(),
-            lost => format!("1 in {}", self.frames / lost),
-        }
+    /// The row in this line of the page. `None` if it is none.
+    fn parse(line: &str) -> Option<Row> {
+        let cells: Vec<String> =
+            line.strip_prefix("| ")?.strip_suffix(" |")?.split(" | ").map(str::to_owned).collect();
+        let row = Row { cells: cells.try_into().ok()? };
+        row.cells[2].parse::<u64>().is_ok().then_some(row)
     }
 
-    /// The cells of the table.
-    fn cells(&self) -> [String; 9] {
-        [
-            self.program.clone(),
-            self.flood.clone(),
-            self.frames.to_string(),
-            self.lost.to_string(),
-            self.loss(),
-            format!("{} of {}", self.superseded, self.commands),
-            self.release.to_string(),
-            format!("{} of {}", self.deepest, self.places),
-            format!("{:.0} us", f64::from(self.newest) / 16.0),
-        ]
+    /// The program and the flood.
+    fn name(&self) -> String {
+        self.cells[..2].join(" | ")
+    }
+
+    fn frames(&self) -> u64 {
+        self.cells[2].parse().expect("a number of frames")
+    }
+
+    fn lost(&self) -> u64 {
+        self.cells[3].parse().expect("a number of frames")
     }
 }
 
 impl fmt::Display for Row {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(&self.cells().join(" | "))
+        f.write_str(&self.cells.join(" | "))
     }
 }
 
@@ -118,21 +110,26 @@ fn heading(chip: Chip) -> String {
 
 /// The sentence that other documents quote: the worst row.
 fn sentence(rows: &[Row], chip: Chip, minutes: f64) -> String {
-    let frames: u64 = rows.iter().map(|row| row.frames).sum();
-    let loss = |row: &&Row| row.lost as f64 / row.frames.max(1) as f64;
+    let loss = |row: &&Row| row.lost() as f64 / row.frames().max(1) as f64;
     let worst = rows.iter().max_by(|one, other| loss(one).total_cmp(&loss(other)));
-    let of = format!(
-        "On a full bus of 1 Mbit/s the {chip} lost {{}} of {frames} frames of valid transfers in \
+    let frames: u64 = rows.iter().map(Row::frames).sum();
+    let lost = match rows.iter().map(Row::lost).sum() {
+        0 => "none".to_owned(),
+        lost => lost.to_string(),
+    };
+    let sentence = format!(
+        "On a full bus of 1 Mbit/s the {chip} lost {lost} of {frames} frames of valid transfers in \
          {} floods of {minutes} simulated minutes each",
         rows.len()
     );
-    let lost: u64 = rows.iter().map(|row| row.lost).sum();
-    let of = of.replace("{}", &if lost == 0 { "none".to_owned() } else { lost.to_string() });
     match worst {
-        Some(worst) if worst.lost > 0 => {
-            format!("{of}; at worst {} ({}; {}).", worst.loss(), worst.program, worst.flood)
+        Some(worst) if worst.lost() > 0 => {
+            format!(
+                "{sentence}; at worst {} ({}; {}).",
+                worst.cells[4], worst.cells[0], worst.cells[1]
+            )
         }
-        _ => format!("{of}."),
+        _ => format!("{sentence}."),
     }
 }
 
@@ -146,16 +143,39 @@ pub fn part(rows: &[Row], chip: Chip, minutes: f64) -> String {
          node followed them (only with one output). *Release* is the longest time\nfrom the end \
          of a frame to the release of its buffer. *Queue* is how full the firmware's queue of \
          received\nframes became. *Newest* is the longest time until an output had the newest \
-         value.\n\n| program | frames | sent | lost | | superseded | release, cycles | queue | \
-         newest |\n| --- | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
+         value. A row is of the program\nof its *commit*.\n\n| program | frames | sent | lost | | \
+         superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | \
+         ---: | ---: | ---: | ---: | ---: | --- |\n",
     );
     for row in rows {
-        let _ = writeln!(part, "| {} |", row.cells().join(" | "));
+        let _ = writeln!(part, "| {row} |");
     }
     part
 }
 
-/// Replaces the chip's part of docs/benchmarks.md, or appends it.
-pub fn write(part: &str, chip: Chip) {
-    rig::page::write_part(&heading(chip), part);
+/// The chip's part of docs/benchmarks.md. It is written after each flood, so a run may be cut, and
+/// `ONLY` runs a part.
+pub struct Page {
+    chip: Chip,
+    minutes: f64,
+    /// The names of all floods, in the order of their rows.
+    names: Vec<String>,
+}
+
+impl Page {
+    pub fn new(chip: Chip, minutes: f64, floods: &[Scenario]) -> Page {
+        Page { chip, minutes, names: floods.iter().map(|&flood| name(flood)).collect() }
+    }
+
+    /// Writes a row in place of the one of its flood, and leaves out those of no flood.
+    pub fn write(&mut self, row: &Row) {
+        let earlier = rig::page::read_part(&heading(self.chip));
+        let mut rows: Vec<Row> = earlier.lines().filter_map(Row::parse).collect();
+        rows.retain(|earlier| earlier.name() != row.name());
+        rows.push(row.clone());
+        let place = |row: &Row| self.names.iter().position(|name| *name == row.name());
+        rows.retain(|row| place(row).is_some());
+        rows.sort_by_key(place);
+        rig::page::write_part(&heading(self.chip), &part(&rows, self.chip, self.minutes));
+    }
 }
