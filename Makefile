@@ -152,7 +152,7 @@ third-party: setup-build
 		-p third-party-mcp25xx-crate; cargo build $$options -p third-party-mcp25xx-wrong-rxb1; done
 # "bridge" and "rig" are in each call: so cargo builds the simulator with one set of features, once.
 TESTED := $(addprefix -p ,avr-bounds boards boot bridge fuzz-harness mcp2515-ordered dronecan-wire dronecan-host can-frame own-node \
-	sim-base can-model mcp2515-model bus-load can-link node-update avr-chip avr-core avr-model bench sim rig)
+	sim-base can-model mcp2515-model bus-load can-link node-update avr-core avr-model bench sim rig)
 test-programs: setup-simavr
 	cargo test --no-run $(TESTED) -p tests
 	cargo build -p node-update

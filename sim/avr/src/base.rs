@@ -7,9 +7,10 @@ use std::cell::{Cell, RefCell};
 
 use anyhow::Result;
 
+use super::chip::Chip;
 use super::core::{Core, Engine};
+use super::processor::Violation;
 use super::unmodelled::Unmodelled;
-use avr_chip::{Chip, Violation};
 use sim_base::Cycles;
 use sim_base::Noise;
 

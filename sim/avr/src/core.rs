@@ -7,10 +7,10 @@
 
 use std::ops::Range;
 
+use super::chip::Chip;
 use super::own::Own;
 use super::simavr::Simavr;
 use anyhow::Result;
-use avr_chip::Chip;
 
 /// What executes a program. The default is simavr, if the build has it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

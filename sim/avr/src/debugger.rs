@@ -6,11 +6,11 @@
 
 use std::rc::Rc;
 
+use super::chip::Chip;
 use super::core::Activity;
 use super::debug::{Halt, Resume};
 use super::machine::Machine;
 use super::regs;
-use avr_chip::Chip;
 
 /// The registers of the processor.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

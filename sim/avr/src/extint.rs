@@ -2,9 +2,9 @@
 //! masked.
 
 use super::base::{Base, Peripheral};
+use super::chip::Chip;
 use super::core::Vector;
 use super::regs::{EIFR, EIMSK};
-use avr_chip::Chip;
 
 /// The model of INT0 and INT1. Its state is in EIMSK and EIFR.
 pub(super) struct ExternalInterrupts;

@@ -10,7 +10,6 @@
 //! ```text
 //! Avr (this file)
 //! debugger               a debugger's access to the machine
-//! processor              `Avr` as the processor of a board
 //! machine                the run loop of each engine, resets, simavr's callbacks
 //! ├─ peripherals, the same on both engines
 //! │  ├─ spi, uart, nvm   (nvm: eeprom, spm)
@@ -25,6 +24,8 @@
 //! core                   one of the engines: instructions, interrupts, ports, ADC, watchdog
 //! ├─ own                  `avr-core`, and what it lacks
 //! └─ simavr
+//! processor              the interface to a board
+//! elf, hex, chip, pulse, analog   programs, sizes of memories, pulses, what is not digital
 //! ```
 //!
 //! Limits: CLKPR has no effect, and PRR and sleep on the timers only; IVSEL needs no IVCE. Each
@@ -38,17 +39,23 @@
 //! sections. simavr as bundled by simavr-ffi 1.2.
 
 mod adc;
+mod analog;
 mod base;
+mod chip;
 #[macro_use]
 mod core;
 mod debug;
 mod debugger;
 mod eeprom;
+mod elf;
 mod extint;
+mod hex;
 mod machine;
 mod nvm;
 mod own;
 mod pins;
+mod processor;
+mod pulse;
 pub mod regs;
 #[cfg_attr(not(feature = "simavr"), path = "absent/simavr.rs")]
 mod simavr;
@@ -71,13 +78,15 @@ use std::rc::{Rc, Weak};
 use anyhow::{Context, Result};
 
 pub use self::core::Engine;
-pub use avr_chip::{
-    Chip, Firmware, Oc, PinWatcher, Pulse, PulseMeter, Reset, ResetCause, SerialCharacter, SpiByte,
-    SpiDevice, State, Symbol, TwiBus, Violation, WatchdogOscillator, oc2b_duty, power_on_ram,
-    value_of,
-};
+pub use chip::Chip;
 pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};
+pub use elf::{Firmware, Symbol, value_of};
+pub use processor::{
+    Oc, PinWatcher, Reset, ResetCause, SerialCharacter, SpiByte, SpiDevice, State, TwiBus,
+    Violation,
+};
+pub use pulse::{Pulse, PulseMeter};
 pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
 pub use trace::{Moment, Tracer};
 pub use unmodelled::Unmodelled;
@@ -422,7 +431,7 @@ impl Avr {
 
     /// Duty cycle of OC2B (D3), 0 to 1, if Timer2 drives it in a PWM mode (datasheet section 18.7).
     pub fn oc2b_duty(&self) -> Option<f64> {
-        avr_chip::oc2b_duty(|address| self.machine.base.core.get(address))
+        analog::oc2b_duty(|address| self.machine.base.core.get(address))
     }
 
     /// A byte of the data space: registers, I/O or SRAM. Reading has no side effect.

@@ -23,12 +23,15 @@ use std::rc::Rc;
 use anyhow::Result;
 
 use super::adc::Adc;
+use super::analog::power_on_ram;
 use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::core::{Access, Core, Engine, Vector};
 use super::debug::Debug;
 use super::extint::ExternalInterrupts;
 use super::nvm::Nvm;
 use super::pins::{PORT_B, PORT_D, Pins};
+use super::processor::{PinWatcher, Reset, ResetCause};
 use super::regs;
 use super::sleep::{self, Mode};
 use super::spi::Spi;
@@ -39,7 +42,6 @@ use super::twi::Twi;
 use super::uart::Uart;
 use super::unmodelled;
 use super::watchdog::Watchdog;
-use avr_chip::{Chip, PinWatcher, Reset, ResetCause, power_on_ram};
 use sim_base::Cycles;
 use sim_base::Noise;
 

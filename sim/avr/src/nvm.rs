@@ -3,10 +3,10 @@
 use std::cell::RefCell;
 
 use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::eeprom::{self, Eeprom};
 use super::regs::{EEARH, EEARL, EECR, SPMCSR};
 use super::spm::{self, Spm};
-use avr_chip::Chip;
 use sim_base::Cycles;
 use sim_base::Noise;
 

@@ -17,11 +17,11 @@ use std::rc::Rc;
 use avr_core::{Bus, InvalidOpcode, Stop};
 
 use super::base::{Base, Timer};
+use super::chip::Chip;
 use super::core::Activity;
 use super::pins::Pins;
 use super::regs;
 use adc::Conversion;
-use avr_chip::Chip;
 use interrupts::Requests;
 use sim_base::Cycles;
 

@@ -7,8 +7,8 @@ use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use super::base::Base;
+use super::processor::PinWatcher;
 use super::regs;
-use avr_chip::PinWatcher;
 use sim_base::Cycles;
 
 const PORTS: [char; 3] = ['B', 'C', 'D'];

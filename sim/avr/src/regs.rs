@@ -10,7 +10,8 @@
 
 /// First I/O register, after R0 to R31.
 pub const IO_FIRST: u16 = 0x20;
-pub use avr_chip::RAMSTART;
+/// First byte of the internal SRAM, after the registers.
+pub const RAMSTART: u16 = 0x0100;
 
 pub const PINB: u16 = 0x23;
 pub const DDRB: u16 = 0x24;

@@ -19,9 +19,9 @@ use anyhow::{Result, ensure};
 use simavr_ffi as ffi;
 
 use super::base::Timer;
+use super::chip::Chip;
 use super::core::{Access, Activity, Engine, Vector};
 use super::regs;
-use avr_chip::Chip;
 use sim_base::F_CPU_HZ;
 
 unsafe extern "C" {

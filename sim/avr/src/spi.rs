@@ -8,9 +8,10 @@
 use std::cell::RefCell;
 
 use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::core::Vector;
+use super::processor::{SpiByte, SpiDevice};
 use super::regs::{CPHA, CPOL, DDRB, DORD, MSTR, SPCR, SPDR, SPE, SPI2X, SPIF, SPR, SPSR, WCOL};
-use avr_chip::{Chip, SpiByte, SpiDevice};
 use sim_base::Cycles;
 use sim_base::Noise;
 

@@ -20,9 +20,9 @@
 //! does not define it there.
 
 use super::base::{Base, Timer};
+use super::chip::Chip;
 use super::core::{Activity, Vector};
 use super::regs::{BLBSET, PGERS, PGWRT, RWWSB, RWWSRE, SELFPRGEN, SIGRD, SPMCSR, SPMIE};
-use avr_chip::Chip;
 use sim_base::Noise;
 use sim_base::{Cycles, F_CPU_HZ};
 

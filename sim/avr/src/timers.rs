@@ -28,10 +28,11 @@ use self::counter::{Counter, ICF, Step};
 use self::layout::{LAYOUTS, Layout};
 use self::outputs::Output;
 use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::core::Vector;
 use super::pins::Overrides;
+use super::processor::Oc;
 use super::regs;
-use avr_chip::{Chip, Oc};
 use sim_base::Cycles;
 use sim_base::Noise;
 

@@ -7,9 +7,10 @@
 use std::cell::{Cell, RefCell};
 
 use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::core::Vector;
+use super::processor::TwiBus;
 use super::regs::{TWBR, TWCR, TWDR, TWEA, TWEN, TWIE, TWINT, TWPS, TWSR, TWSTA, TWSTO, TWWC};
-use avr_chip::{Chip, TwiBus};
 use sim_base::Cycles;
 use sim_base::Noise;
 

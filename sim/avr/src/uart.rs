@@ -10,12 +10,13 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 
 use super::base::{Base, Peripheral, Timer};
+use super::chip::Chip;
 use super::core::Vector;
+use super::processor::SerialCharacter;
 use super::regs::{
     DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C,
     UCSZ02, UDR0, UDRE0, UDRIE0, UPM0, USBS0,
 };
-use avr_chip::{Chip, SerialCharacter};
 use sim_base::Cycles;
 use sim_base::Noise;
 

@@ -7,10 +7,11 @@
 
 use std::cell::RefCell;
 
+use super::analog::WatchdogOscillator;
 use super::base::{Base, Peripheral};
+use super::chip::Chip;
 use super::core::{Core, Vector};
 use super::regs::{WDE, WDIE, WDIF, WDP, WDTCSR};
-use avr_chip::{Chip, WatchdogOscillator};
 use sim_base::Noise;
 
 /// The watchdog of one chip.

@@ -5,8 +5,8 @@ use std::ops::Range;
 use anyhow::{Result, bail};
 
 use super::base::Timer;
+use super::chip::Chip;
 use super::core::{Activity, Engine, Vector};
-use avr_chip::Chip;
 
 /// There is none.
 pub(super) enum Simavr {}

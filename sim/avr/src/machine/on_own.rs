@@ -4,8 +4,8 @@ use super::Machine;
 use crate::base::{Peripheral, Timer};
 use crate::core::{Access, Activity};
 use crate::own::Own;
+use crate::processor::ResetCause;
 use crate::regs;
-use avr_chip::ResetCause;
 use avr_core::{Bus, Clock, Spm, Stop};
 use sim_base::Cycles;
 

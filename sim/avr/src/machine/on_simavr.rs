@@ -13,10 +13,10 @@ use super::Machine;
 use crate::adc::Adc;
 use crate::base::Timer;
 use crate::core::{Access, Activity};
+use crate::processor::ResetCause;
 use crate::regs;
 use crate::simavr::{FLASH_LPM, FLASH_SPM, Simavr, Slot};
 use crate::unmodelled;
-use avr_chip::ResetCause;
 use sim_base::Cycles;
 
 /// Registers with SPM's and LPM's operands.

@@ -40,7 +40,7 @@ impl Chip {
         }
     }
 
-    /// Address of the last byte of the RAM, which begins at [`RAMSTART`](super::RAMSTART).
+    /// Address of the last byte of the RAM, which begins at [`RAMSTART`](super::regs::RAMSTART).
     pub fn ram_end(self) -> u16 {
         match self {
             Chip::Atmega168 => 0x04FF,
@@ -50,7 +50,7 @@ impl Chip {
 
     /// Bytes of RAM.
     pub fn ram_bytes(self) -> usize {
-        usize::from(self.ram_end() - super::RAMSTART) + 1
+        usize::from(self.ram_end() - super::regs::RAMSTART) + 1
     }
 
     /// Bytes of flash.

@@ -16,8 +16,8 @@ use object::LittleEndian;
 use object::elf::{EM_AVR, FileHeader32, PT_LOAD};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader, Sym};
 
-use super::RAMSTART;
 use super::chip::Chip;
+use super::regs::RAMSTART;
 use sim_base::{DEVICE_NOTE, device_of_note, thousands};
 
 const SRAM_OFFSET: u32 = 0x80_0000;

@@ -6,8 +6,8 @@
 //! jitter. The datasheet has no value for the jitter. The model's 0.01 % of a time-out of 16 ms is
 //! less than the jitter that published random number generators use.
 
-use super::RAMSTART;
 use super::chip::Chip;
+use super::regs::RAMSTART;
 use sim_base::{Cycles, Noise};
 
 // Registers of Timer2 and port D.
