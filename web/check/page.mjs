@@ -11,13 +11,13 @@ import { mkdirSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
-import { launch } from "./chromium.mjs";
+import { launch, runTests } from "./chromium.mjs";
 import { serve } from "../serve.mjs";
 
 const [directory, ...options] = process.argv.slice(2);
 const isLong = options.includes("--long");
 const pictures = options.includes("--pictures") ? options[options.indexOf("--pictures") + 1] : null;
-const only = options.find((option) => !option.startsWith("--") && option !== pictures);
+const only = options.find((option) => !option.startsWith("--") && option !== pictures) ?? "";
 
 /** Longest wait for a state of the page. A loaded machine simulates slowly. */
 const PATIENCE_MS = Number(process.env.PATIENCE_MS ?? 60_000);
@@ -846,9 +846,8 @@ const longTests = {
   },
 };
 
-async function takePictures() {
+async function takePictures(t) {
   mkdirSync(pictures, { recursive: true });
-  const t = { errors: [] };
   const page = await tests["a parameter is set, saved, and survives a restart"](t);
   await page.click("#fault-cable");
   await until("the failsafe", async () => /failsafe/.test(await text(page, "#marks")));
@@ -867,37 +866,21 @@ async function takePictures() {
   await page.evaluate(() => window.scrollTo(0, 0));
   await page.screenshot({ path: join(pictures, "web-narrow.png") });
   await page.close();
-  assert.deepEqual(t.errors, []);
 }
 
-const chosen = Object.entries({ ...tests, ...(isLong || only ? longTests : {}) }).filter(
-  ([name]) => !only || name.includes(only),
-);
-assert.ok(chosen.length > 0, `no test has "${only}" in its name`);
-let failures = 0;
-try {
-  if (pictures) {
-    await takePictures();
-  } else {
-    for (const [name, run] of chosen) {
-      const t = { errors: [] };
-      const start = Date.now();
-      try {
-        const page = await run(t);
-        assert.deepEqual(t.errors, [], "errors in the console");
-        const speed = await text(page, "#speed");
-        await page.close();
-        console.log(`ok    ${name}  (${((Date.now() - start) / 1000).toFixed(1)} s; ${speed})`);
-      } catch (error) {
-        failures++;
-        console.log(`FAIL  ${name}\n${error.stack}\n${t.errors.join("\n")}`);
-        await Promise.all(context.pages().map((page) => page.close()));
-        await context.newPage();
-      }
-    }
-  }
-} finally {
+/** A test that returns the page it opened: says how fast that ran, and closes all pages at its end. */
+const ofPage = (run) => async (t) => {
+  t.ends.push(async () => {
+    const opened = context.pages();
+    await context.newPage();
+    await Promise.all(opened.map((page) => page.close()));
+  });
+  return text(await run(t), "#speed");
+};
+
+const inPage = Object.entries({ ...tests, ...(isLong || only ? longTests : {}) });
+const all = Object.fromEntries(inPage.map(([name, run]) => [name, ofPage(run)]));
+await runTests(pictures ? { "the pictures": takePictures } : all, only, async () => {
   await close();
   server.close();
-}
-process.exitCode = failures ? 1 : 0;
+});
