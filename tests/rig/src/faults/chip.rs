@@ -136,14 +136,14 @@ pub const FLIPPING: Case = Case {
     fault: "SPI flips bits, 1 in 1,000 each way",
     noticed: "supervision every 10 ms, and the registers that are read back at each start (bit 8)",
     servo: "within its travel: the node cannot detect a flipped bit in a command",
-    // By chance: 6 to 1,900 ms, depending on the seed.
+    // By chance.
     logged_limit_ms: Some(2000),
     limit_ms: 500,
     run: || {
         let mut trial = Trial::running();
         trial.rig.violations_expected = true;
         trial.rig.overflows_expected = true;
-        trial.begin("MCP2515", |rig| rig.board().set_spi_noise(1000, 5));
+        trial.begin("SI SO SCK? register", |rig| rig.board().set_spi_noise(1000, 5));
         trial.live(2000);
         for pair in trial.rig.pulses.windows(2) {
             assert_eq!(pair[1].start - pair[0].start, super::SERVO_PERIOD, "the period");
