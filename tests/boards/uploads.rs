@@ -127,7 +127,7 @@ fn an_upload_of_nearly_the_same_program_never_runs_a_mixture() {
     let old = file();
     let mut new = old.clone();
     // Letters of names, which are no code.
-    let places = ["TEMP_RATE", "OUT1_FS_PWM"].map(|name| {
+    let places = ["TEMP_RATE", "FS_PWM"].map(|name| {
         let name = name.as_bytes();
         old.windows(name.len()).position(|bytes| bytes == name).expect("the name of a parameter")
     });

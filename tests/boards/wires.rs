@@ -144,7 +144,7 @@ fn a_short_that_makes_the_bus_recessive_is_named_from_the_start_on_and_later() {
     for mut rig in [Rig::powered(), Rig::running()] {
         rig.bench.bus().inject(Fault::StuckRecessive(true));
         rig.wait_for_line("CAN H/L: bus-off", 4000);
-        rig.run_ms(20);
+        rig.run_ms(100);
         assert!(rig.serial.contains("CAN H/L: error-passive"), "{}", rig.serial);
     }
 }
