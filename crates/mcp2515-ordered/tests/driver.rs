@@ -33,7 +33,6 @@ const CNF2: u8 = 0x29;
 const CNF3: u8 = 0x28;
 const CANINTE: u8 = 0x2B;
 const EFLG: u8 = 0x2D;
-#[cfg(feature = "counters")]
 const REC: u8 = 0x1D;
 const RXB0CTRL: u8 = 0x60;
 const READ: u8 = 0x03;
@@ -74,6 +73,8 @@ struct World {
     instruction: Vec<u8>,
     /// The next byte that is written to this register arrives with a wrong bit.
     corrupted: Option<u8>,
+    /// The byte that each READ of this register returns.
+    misread: Option<(u8, u8)>,
     /// The level of INT, regardless of the chip; `None` for the chip's level.
     int_stuck: Option<bool>,
     /// The byte that the SPI reads instead of the chip's; `None` for the chip's.
@@ -101,6 +102,12 @@ impl Peripheral for World {
             self.instruction.push(*word);
             let miso = self.chip.borrow_mut().end_byte(*word, end);
             *word = self.miso_stuck.unwrap_or(miso);
+            if let (Some((register, value)), [READ, first, _, more @ ..]) =
+                (self.misread, &self.instruction[..])
+                && usize::from(register - first.min(&register)) == more.len()
+            {
+                *word = value;
+            }
         }
     }
 
@@ -151,6 +158,7 @@ impl Rig {
             bytes: 0,
             instruction: Vec::new(),
             corrupted: None,
+            misread: None,
             int_stuck: None,
             miso_stuck: None,
         };
@@ -693,6 +701,30 @@ fn each_check_that_finds_lost_frames_counts_and_reports_them() {
         rig.notices.clear();
         rig.received.clear();
     }
+}
+
+/// As after noise on the SPI.
+#[test]
+fn flags_that_end_when_the_driver_takes_the_rate_for_another_one_are_reported_after_it() {
+    let mut rig = Rig::at_rate(8, EVERYTHING, Attempts::UntilSent);
+    rig.run_ms(20);
+    for misread in [(EFLG, 0x10), (REC, 1)] {
+        rig.wire.0.borrow_mut().misread = Some(misread);
+        let before = rig.notices.len();
+        while rig.notices.len() == before {
+            rig.turn();
+            rig.idle_us(50);
+        }
+    }
+    rig.wire.0.borrow_mut().misread = None;
+    for _ in 0..2 {
+        rig.peer_sends(Frame::extended(0x1003_F20A, &[]));
+        rig.run_ms(20);
+    }
+    let last = *rig.notices.last().unwrap();
+    assert_eq!(last, Notice { event: Event::Flags, value: 0 });
+    let expected = [Event::Running, Event::Flags, Event::AnotherRate, Event::Running, Event::Flags];
+    assert_eq!(rig.take_events(), expected);
 }
 
 #[test]
