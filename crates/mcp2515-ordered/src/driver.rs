@@ -604,28 +604,27 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     /// checks sets ERRIF again (DS20001801J 7.6).
     #[inline(never)]
     fn check_errors(&mut self) -> Option<Notice> {
-        if self.bus_rate == BusRate::Unknown && self.chip.read(REC) != 0 {
-            // A disturbed frame, before one has passed. The flags that were reported last stay in
-            // `flags`, so what the reset changes in them is reported after it.
-            self.bus_rate = BusRate::Another;
-            // A request for listen-only mode would wait for an idle bus, so the reset follows.
-            return self.fail(Event::AnotherRate, 0);
-        }
         self.chip.begin_read(CANINTF);
         let canintf = self.chip.read_next();
         let eflg = self.chip.read_next();
         self.chip.end_read();
-        let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
-        // ERRIF may have been set between the two registers.
-        let has_error = canintf & ERRIF != 0 || eflg & !before != 0;
         if eflg & (RX0OVR | RX1OVR) != 0 {
             self.counters.add(Counter::RxOverflow, 1);
             self.chip.clear_overflow();
+        } else if self.bus_rate == BusRate::Unknown && self.chip.read(REC) != 0 {
+            // A disturbed frame, before one has passed. A chip that has lost frames has had some.
+            // `flags` stay those that were reported, so what the reset changes is reported after it.
+            self.bus_rate = BusRate::Another;
+            // A request for listen-only mode would wait for an idle bus, so the reset follows.
+            return self.fail(Event::AnotherRate, 0);
         }
+        let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
+        // ERRIF may have been set between the two registers.
+        let risen = eflg & !before;
+        let has_error = canintf & ERRIF != 0 || risen != 0;
         // TXnIF are cleared below, or were when TXEP was set.
-        if self.bus_rate == BusRate::Same
-            && (eflg & !before & (TXBO | RXEP) != 0
-                || eflg & TXEP != 0 && self.tx_checks >= PASSIVE_CHECKS)
+        if (risen & (TXBO | RXEP) != 0 || eflg & TXEP != 0 && self.tx_checks >= PASSIVE_CHECKS)
+            && self.bus_rate == BusRate::Same
         {
             self.bus_rate = BusRate::Unknown;
         }
