@@ -613,7 +613,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
             self.chip.clear_overflow();
         } else if self.bus_rate == BusRate::Unknown && self.chip.read(REC) != 0 {
             // A disturbed frame, before one has passed. A chip that has lost frames has had some.
-            // `flags` stay those that were reported, so what the reset changes is reported after it.
+            // `flags` stay those that were reported: what the reset changes is reported after it.
             self.bus_rate = BusRate::Another;
             // A request for listen-only mode would wait for an idle bus, so the reset follows.
             return self.fail(Event::AnotherRate, 0);
