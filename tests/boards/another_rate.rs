@@ -187,7 +187,7 @@ fn a_node_that_finds_the_rate_is_on_the_bus_within_a_second() {
         rig.save();
         rig.board().avr().eeprom()
     };
-    for bit_rate in [125_000, 250_000, 500_000, 1_000_000] {
+    for bit_rate in rates() {
         let mut rig = Rig::on_bus_of(bit_rate, &elf, &[&eeprom]);
         let mut others = Others::join(&mut rig, bit_rate);
         others.run_ms(&mut rig, 1000);
@@ -196,7 +196,7 @@ fn a_node_that_finds_the_rate_is_on_the_bus_within_a_second() {
         assert!(others.error_frames <= ERRORS, "{bit_rate}: {} errors", others.error_frames);
         assert!(others.latest <= LATEST, "{bit_rate}: {} us late", others.latest / 16);
         let said = rig.serial.contains("another bit rate or crystal");
-        assert_eq!(said, bit_rate != 1_000_000, "{}", rig.serial);
+        assert_eq!(said, bit_rate != rig::board().fastest_bit_rate(), "{}", rig.serial);
         // It has the rate, and answers.
         assert_eq!(rig.parameter("CAN_BAUDRATE").value, Value::Integer(0));
     }
