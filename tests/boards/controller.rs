@@ -85,7 +85,8 @@ fn with_several_outputs_two_frames_of_each_type_have_room() {
             rig.board().set_stuck_int(Some(true));
             rig.send(id | 10, data);
             rig.send(id | 10, data);
-            let end = rig.now() + 400 * US;
+            let bit = 1_000_000 * US / u64::from(rig::board().fastest_bit_rate());
+            let end = rig.now() + 400 * bit;
             rig.run_until(end);
             let chip = rig.board().chip();
             let is_lost = chip.borrow().register(EFLG) & (RX0OVR | RX1OVR) != 0;
