@@ -7,15 +7,8 @@
 //! less than the jitter that published random number generators use.
 
 use super::chip::Chip;
-use super::regs::RAMSTART;
+use super::regs::{DDRD, OCR2A, OCR2B, RAMSTART, TCCR2A, TCCR2B};
 use sim_base::{Cycles, Noise};
-
-// Registers of Timer2 and port D.
-const DDRD: u16 = 0x2A;
-const TCCR2A: u16 = 0xB0;
-const TCCR2B: u16 = 0xB1;
-const OCR2A: u16 = 0xB3;
-const OCR2B: u16 = 0xB4;
 
 /// > 2K (2048) cycles (table 11-2), of 125 CPU cycles each.
 const SHORTEST_TIME_OUT: Cycles = 2048 * 125;
