@@ -4,7 +4,7 @@
 use bench::Noise;
 use bench::can::{Frame, Id};
 use bench::dronecan::{Message, ParameterRequest};
-use rig::{ARRAY_COMMAND, MS, Program, Rig, US, array_command, is_from_node};
+use rig::{ARRAY_COMMAND, MS, Program, Rig, US, array_command, has_all_features, is_from_node};
 
 /// The autopilot's command, node 10, in nine frames: `n` microseconds for actuator 1.
 fn long_command(n: u16) -> Vec<Vec<u8>> {
@@ -177,9 +177,10 @@ fn set_filters_at_many_moments(phases: u64) {
         let broken: Vec<_> =
             rig.broken.iter().filter(|(_, frame, _)| is_from_node(frame)).collect();
         assert!(broken.is_empty(), "phase {phase}: {broken:?}");
-        // With several outputs lines of the requests fill its queue.
-        let has_line = |line| rig.serial.contains(line) || rig.serial.contains("lines dropped");
-        assert!(has_line("FAILSAFE") && has_line("CAN: running"), "{}", rig.serial);
+        assert!(rig.serial.contains("FAILSAFE"), "{}", rig.serial);
+        // With all features the lines of the requests fill the monitor's queue.
+        let is_dropped = has_all_features() && rig.serial.contains("lines dropped");
+        assert!(rig.serial.contains("CAN: running") || is_dropped, "{}", rig.serial);
         assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);
         rig.forget();
     }

@@ -868,7 +868,7 @@ async function takePictures(t) {
   await page.close();
 }
 
-/** A test that returns the page it opened: says how fast that ran, and closes all pages at its end. */
+/** The test, with the speed of the page that it returns as its result. All pages are closed after it. */
 const ofPage = (run) => async (t) => {
   t.ends.push(async () => {
     const opened = context.pages();

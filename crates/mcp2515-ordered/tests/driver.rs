@@ -104,7 +104,7 @@ impl Peripheral for World {
             *word = self.miso_stuck.unwrap_or(miso);
             if let (Some((register, value)), [READ, first, _, more @ ..]) =
                 (self.misread, &self.instruction[..])
-                && usize::from(register - first.min(&register)) == more.len()
+                && usize::from(*first) + more.len() == usize::from(register)
             {
                 *word = value;
             }

@@ -143,7 +143,7 @@ pub fn part(rows: &[Row], chip: Chip, minutes: f64) -> String {
          node followed them (only with one output). *Release* is the longest time\nfrom the end \
          of a frame to the release of its buffer. *Queue* is how full the firmware's queue of \
          received\nframes became. *Newest* is the longest time until an output had the newest \
-         value. A row is of the program\nof its *commit*.\n\n| program | frames | sent | lost | | \
+         value. *Commit*: that of the\nprogram.\n\n| program | frames | sent | lost | | \
          superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | \
          ---: | ---: | ---: | ---: | ---: | --- |\n",
     );
