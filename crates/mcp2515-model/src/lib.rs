@@ -122,9 +122,12 @@ impl Mcp2515 {
         chip
     }
 
-    /// Pulses the RESET pin low: registers get their reset values, and the start-up time begins.
+    /// Pulses the RESET pin low, or connects the power: registers get their reset values, and the
+    /// start-up time begins.
     pub fn hardware_reset(&mut self, at: Cycles) {
         self.reset(at);
+        // The rest of an instruction that the reset ended is none.
+        self.spi = spi::Spi::default();
     }
 
     /// The mode in OPMOD.

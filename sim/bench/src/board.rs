@@ -180,11 +180,11 @@ impl Board {
 
     /// Resets the AVR. A power-on resets the MCP2515, too.
     pub fn reset(&mut self, cause: ResetCause) {
-        let now = self.avr.now();
-        self.avr.reset(cause);
+        // First, so that an instruction which the power cut ended is not taken for a mistake.
         if cause == ResetCause::PowerOn && self.wires.has_power() {
-            self.chip_reset_at(now);
+            self.chip_reset();
         }
+        self.avr.reset(cause);
     }
 
     /// Pulses the MCP2515's RESET pin. The firmware does not notice it.
