@@ -61,13 +61,13 @@ impl Rig {
 type Loss = (&'static str, fn(&mut Rig));
 
 #[test]
-fn a_trusted_sender_keeps_its_lane_for_at_least_three_and_at_most_four_milliseconds() {
+fn a_trusted_sender_keeps_its_lane_for_its_hold_and_at_most_a_millisecond_less() {
     for start_ms in [0, 200, 32_767, 65_530, 65_533, u16::MAX] {
         for after_ms in (0..=50).chain([51, 60]) {
             let mut rig = rig(&[A]);
             rig.now_ms = start_ms;
             // A frame that came just before the clock advanced is up to 1 ms younger.
-            let expected = if after_ms < 4 { A } else { B };
+            let expected = if after_ms < HOLD_MS { A } else { B };
             let completes = who_completes(&mut rig, A, B, after_ms);
             assert_eq!(completes, expected, "{after_ms} ms after {start_ms}");
         }
@@ -100,7 +100,7 @@ fn each_frame_holds_the_lane() {
     let mut rig = rig(&[A]);
     for (n, frame) in long.iter().enumerate() {
         assert_eq!(rig.frame(frame).is_some(), n == 8, "frame {n}");
-        rig.now_ms += 3;
+        rig.now_ms += HOLD_MS - 1;
         if n < 8 {
             assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved), "after frame {n}");
         }
@@ -147,7 +147,7 @@ fn a_sender_that_loses_a_transfer_is_trusted_no_longer_until_it_completes_one() 
         }),
         ("displaced", |rig| {
             rig.frame(&list(A)[0]);
-            rig.now_ms += 4;
+            rig.now_ms += HOLD_MS;
             assert!(rig.all(&list(B)).is_some());
         }),
     ];
@@ -329,7 +329,7 @@ fn a_sender_is_trusted_while_it_sends_another_type() {
 #[test]
 fn with_one_lane_a_sender_s_other_type_waits_as_another_sender_s() {
     let lights = golden::transfer(0x1804_390A, golden::LIGHTS_COMMAND, 3, &[LIGHT; 12]);
-    for (after_ms, is_kept) in [(0, true), (3, true), (4, false)] {
+    for (after_ms, is_kept) in [(0, true), (HOLD_MS - 1, true), (HOLD_MS, false)] {
         let mut receiver = receiver::<Each, 1>();
         assert_eq!(takes(&mut receiver, &list(A)[..1], 0), Ok(false));
         let begins = takes(&mut receiver, &lights[..1], after_ms);
