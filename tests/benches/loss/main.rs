@@ -69,5 +69,5 @@ fn main() {
         }
         row
     });
-    print!("{}", page::part(&rows, chip, minutes));
+    print!("{}", page::part(&rows, chip, minutes, all.len()));
 }

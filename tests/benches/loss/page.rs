@@ -109,7 +109,7 @@ fn heading(chip: Chip) -> String {
 }
 
 /// The sentence that other documents quote: the worst row.
-fn sentence(rows: &[Row], chip: Chip, minutes: f64) -> String {
+fn sentence(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
     let loss = |row: &&Row| row.lost() as f64 / row.frames().max(1) as f64;
     let worst = rows.iter().max_by(|one, other| loss(one).total_cmp(&loss(other)));
     let frames: u64 = rows.iter().map(Row::frames).sum();
@@ -117,10 +117,13 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64) -> String {
         0 => "none".to_owned(),
         lost => lost.to_string(),
     };
+    let floods = match rows.len() {
+        all if all == floods => all.to_string(),
+        some => format!("{some} of {floods}"),
+    };
     let sentence = format!(
         "On a full bus of 1 Mbit/s the {chip} lost {lost} of {frames} frames of valid transfers in \
-         {} floods of {minutes} simulated minutes each",
-        rows.len()
+         {floods} floods of {minutes} simulated minutes each"
     );
     match worst {
         Some(worst) if worst.lost() > 0 => {
@@ -133,9 +136,9 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64) -> String {
     }
 }
 
-/// The part of the page for a chip.
-pub fn part(rows: &[Row], chip: Chip, minutes: f64) -> String {
-    let mut part = format!("{}\n\n{}\n\n", heading(chip), sentence(rows, chip, minutes));
+/// The part of the page for a chip, of which there are so many floods.
+pub fn part(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
+    let mut part = format!("{}\n\n{}\n\n", heading(chip), sentence(rows, chip, minutes, floods));
     part.push_str(
         "Written by `make losses`. The bus is full of valid transfers with random values that \
          change with each frame,\nwhile a client reads, sets and saves parameters. *Superseded* \
@@ -176,6 +179,9 @@ impl Page {
         let place = |row: &Row| self.names.iter().position(|name| *name == row.name());
         rows.retain(|row| place(row).is_some());
         rows.sort_by_key(place);
-        rig::page::write_part(&heading(self.chip), &part(&rows, self.chip, self.minutes));
+        rig::page::write_part(
+            &heading(self.chip),
+            &part(&rows, self.chip, self.minutes, self.names.len()),
+        );
     }
 }
