@@ -67,7 +67,7 @@ gdb: ## the same, waiting for avr-gdb on port 3333
 bridge: ## what a ground station sees of the node through MAVLink: simulator and bridge
 	@scripts/setup bridge >&2
 	@$(SIDE_BY_SIDE) firmware $(VENV)/installed programs >&2
-	@$(VENV)/bin/python scripts/bridge-demo $(ARGS)
+	@NODE_ELF='$(abspath $(ELF))' $(VENV)/bin/python scripts/bridge-demo $(WIRING) $(ARGS)
 sim-program: setup-build
 	@test -e $(PROGRAMS)/sim || echo "Compiling the simulator: two minutes on two cores the first time"
 	@cargo build --release -p sim
