@@ -226,7 +226,8 @@ impl Bus {
                 let echoed = std::mem::take(&mut slcan.adapter.echoed);
                 if echoed > 0 && self.counters.echoed == 0 {
                     self.log.push(format!(
-                        "{} returns the frames that it has sent: they are ignored",
+                        "{} returns the frames that it has sent: they are ignored. Or does another \
+                         program have the same node ID?",
                         self.spec
                     ));
                 }
@@ -428,7 +429,7 @@ impl Slcan {
         let mut buffer = [0; 4096];
         while frames.len() < TAKEN_AT_ONCE {
             match rustix::io::read(&self.port, &mut buffer) {
-                Ok(0) => bail!("the adapter has been unplugged"),
+                Ok(0) => bail!("the adapter has been unplugged, or another program has opened it"),
                 Ok(read) => {
                     self.adapter.receive(&buffer[..read], now, frames).map_err(with_option)?;
                     self.write()?;
