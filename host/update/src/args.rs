@@ -59,6 +59,11 @@ pub struct Args {
     #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub own_id: Option<NodeId>,
 
+    /// Send a program without the feature "update", after which the node takes no further update
+    /// over the bus
+    #[arg(long)]
+    pub last: bool,
+
     /// Print lines even if the output is a terminal
     #[arg(long)]
     pub plain: bool,

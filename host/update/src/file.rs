@@ -72,6 +72,14 @@ impl FirmwareFile {
     }
 }
 
+impl FirmwareFile {
+    /// True if the node can be updated over the bus again after it has this file: a program with
+    /// the feature `update` has an application descriptor.
+    pub fn takes_updates(&self) -> bool {
+        self.image_crc.is_some()
+    }
+}
+
 impl fmt::Display for FirmwareFile {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (major, minor) = self.software;
@@ -118,8 +126,9 @@ pub(crate) mod tests {
     fn a_file_has_the_versions_of_hardware_and_program() {
         let file = file_of(1000);
         assert_eq!((file.hardware, file.software, file.bytes.len()), ((2, 1), (1, 3), 1000));
-        assert_eq!(file.image_crc, None);
-        assert_eq!(file_with_crc(1000, 0x0123_4567).image_crc, Some(0x0123_4567));
+        assert_eq!((file.image_crc, file.takes_updates()), (None, false));
+        let file = file_with_crc(1000, 0x0123_4567);
+        assert_eq!((file.image_crc, file.takes_updates()), (Some(0x0123_4567), true));
     }
 
     #[test]

@@ -58,6 +58,12 @@ fn run(args: &Args) -> Result<(), Failure> {
     }
     let file = read_file(&args.file).map_err(Failure::Usage)?;
     println!("{}", visible(&format!("{}: {file}", args.file.display())));
+    if !args.last && !file.takes_updates() {
+        return Err(Failure::Usage(Error::msg(
+            "this program has no feature \"update\": the node would take no further update over the \
+             bus. On an ATmega168 build FEATURES=remote, or add --last",
+        )));
+    }
     let mut client = Client::open(args, interrupted).map_err(Failure::Bus)?;
     let result = find::find(&mut client, args, &file)
         .and_then(|(own_id, nodes)| update::update(&mut client, args, file, own_id, nodes));

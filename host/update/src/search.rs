@@ -174,7 +174,11 @@ impl Search {
 /// The IDs of the nodes in words.
 fn list(nodes: &BTreeMap<u8, Seen>) -> String {
     let ids: Vec<_> = nodes.keys().map(u8::to_string).collect();
-    if ids.is_empty() { "none: is the bit rate right?".to_owned() } else { ids.join(", ") }
+    if ids.is_empty() {
+        "none: is it this bus, and its bit rate?".to_owned()
+    } else {
+        ids.join(", ")
+    }
 }
 
 fn choose_one(

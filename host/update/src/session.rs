@@ -38,6 +38,9 @@ const ERROR_OK: u8 = 0;
 const ERROR_INVALID_MODE: u8 = 1;
 const ERROR_IN_PROGRESS: u8 = 2;
 
+/// Why a node refuses that gives no reason: those of this project with the feature `update` do.
+const NO_UPDATES: &str = "its program takes no update over the bus. Upload one with the feature \
+                          \"update\" through the serial port (ATmega168: FEATURES=remote)";
 /// Timeout of a request, and number of attempts.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(1);
 const ATTEMPTS: u32 = 5;
@@ -176,7 +179,7 @@ impl Session {
             Stage::Reading if self.sent > 0 => {
                 "has no program now. Its bootloader waits, and updating it again goes on from there"
             }
-            _ => "may not be updated. Try again",
+            _ => "has perhaps not begun the update. Try again",
         }
     }
 
@@ -191,7 +194,11 @@ impl Session {
         }
         let request = match self.stage {
             Stage::Reading if now > self.heard + SILENCE_LIMIT => {
-                return Some(self.fail("stopped reading and is silent: is its power on?"));
+                return Some(self.fail(if self.is_all_sent() {
+                    "has read all of the file, and is silent since: does its program speak DroneCAN?"
+                } else {
+                    "stopped reading and is silent: is its power on?"
+                }));
             }
             Stage::Reading if now > self.progressed + PROGRESS_LIMIT => {
                 return Some(self.fail(if self.is_complete {
@@ -274,7 +281,9 @@ impl Session {
                 ERROR_OK => self.await_reads(false, now),
                 ERROR_IN_PROGRESS => self.await_reads(true, now),
                 ERROR_INVALID_MODE => {
-                    self.outcome = Some(Outcome::Failed(format!("refuses: {}", response.text())))
+                    let text = response.text();
+                    let why = if text.is_empty() { NO_UPDATES } else { &text };
+                    self.outcome = Some(Outcome::Failed(format!("refuses: {why}")))
                 }
                 error => {
                     self.outcome =

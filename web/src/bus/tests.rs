@@ -418,7 +418,7 @@ fn an_update_that_the_user_stops_is_told_with_the_state_of_the_node() {
     rig.bus.stop_update(id(NODE), rig.now);
     let update = &rig.snapshot()["updates"][0];
     assert_eq!((&update["runs"], &update["is_updated"]), (&json!(false), &json!(false)));
-    assert_eq!(update["text"], "may not be updated. Try again");
+    assert_eq!(update["text"], "has perhaps not begun the update. Try again");
 }
 
 /// The adapter is pulled out; the node's bootloader asks the page that was.

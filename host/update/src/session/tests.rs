@@ -90,6 +90,24 @@ fn a_node_s_reason_for_a_rejection_is_reported() {
 }
 
 #[test]
+fn a_rejection_without_a_reason_says_what_to_do() {
+    let file = file_of(600);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_INVALID_MODE, b"");
+    failed(&mut session, 0.1, "refuses: its program takes no update over the bus. Upload one");
+}
+
+/// A program of another protocol, such as the thesis's, does not answer.
+#[test]
+fn a_node_that_is_silent_after_all_of_the_file_is_not_said_to_have_stopped_reading() {
+    let file = file_of(200);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_OK, b"");
+    read(&mut session, 0);
+    failed(&mut session, 50.0, "has read all of the file, and is silent since");
+}
+
+#[test]
 fn a_silent_node_gets_five_requests() {
     let file = file_of(600);
     let mut session = session(&file);
