@@ -60,8 +60,8 @@ fn run(args: &Args) -> Result<(), Failure> {
     println!("{}", visible(&format!("{}: {file}", args.file.display())));
     if !args.last && !file.takes_updates() {
         return Err(Failure::Usage(Error::msg(
-            "this program has no feature \"update\": the node would take no further update over the \
-             bus. On an ATmega168 build FEATURES=remote, or add --last",
+            "this program has no feature \"update\": the node would take no further update over \
+             the bus. Build FEATURES=remote for an ATmega168, or add --last",
         )));
     }
     let mut client = Client::open(args, interrupted).map_err(Failure::Bus)?;

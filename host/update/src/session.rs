@@ -195,7 +195,7 @@ impl Session {
         let request = match self.stage {
             Stage::Reading if now > self.heard + SILENCE_LIMIT => {
                 return Some(self.fail(if self.is_all_sent() {
-                    "has read all of the file, and is silent since: does its program speak DroneCAN?"
+                    "has read all of the file and is silent since: does its program speak DroneCAN?"
                 } else {
                     "stopped reading and is silent: is its power on?"
                 }));

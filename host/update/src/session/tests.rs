@@ -104,7 +104,7 @@ fn a_node_that_is_silent_after_all_of_the_file_is_not_said_to_have_stopped_readi
     let mut session = session(&file);
     begin(&mut session, ERROR_OK, b"");
     read(&mut session, 0);
-    failed(&mut session, 50.0, "has read all of the file, and is silent since");
+    failed(&mut session, 50.0, "has read all of the file and is silent since");
 }
 
 #[test]
