@@ -34,11 +34,17 @@ impl Received for Kind {
     }
 
     fn is_request(self) -> bool {
-        !matches!(self, Self::Unknown | Self::ArrayCommand)
+        match self {
+            Self::Unknown | Self::ArrayCommand => false,
+            Self::GetNodeInfo | Self::RestartNode | Self::GetSet | Self::ExecuteOpcode => true,
+        }
     }
 
     fn is_multi_frame(self) -> bool {
-        matches!(self, Self::ArrayCommand | Self::GetSet)
+        match self {
+            Self::Unknown | Self::GetNodeInfo | Self::RestartNode | Self::ExecuteOpcode => false,
+            Self::ArrayCommand | Self::GetSet => true,
+        }
     }
 
     /// An ArrayCommand is a list with an entry of four bytes for each actuator.
@@ -47,6 +53,10 @@ impl Received for Kind {
     }
 
     fn seed(self) -> u16 {
-        if self == Self::ArrayCommand { types::ARRAY_COMMAND.seed } else { types::GET_SET.seed }
+        match self {
+            Self::Unknown | Self::GetNodeInfo | Self::RestartNode | Self::ExecuteOpcode => 0,
+            Self::ArrayCommand => types::ARRAY_COMMAND.seed,
+            Self::GetSet => types::GET_SET.seed,
+        }
     }
 }

@@ -23,7 +23,7 @@ const VERSION: [u8; 2] = [1, 0];
 
 /// A whole number that other nodes can read and set.
 pub struct Parameter {
-    /// At most 92 bytes.
+    /// At most 22 bytes.
     pub name: &'static [u8],
     pub default: i64,
     pub min: i64,
@@ -35,6 +35,18 @@ pub const PARAMETERS: [Parameter; 2] = [
     Parameter { name: b"NODE_ID", default: 42, min: 1, max: 127 },
     Parameter { name: b"ACTUATOR_ID", default: 1, min: 0, max: 255 },
 ];
+/// Bytes that are kept of a request. One that sets a parameter by its name has ten before the name.
+const KEPT: usize = 32;
+const _: () = {
+    let mut at = 0;
+    while at < PARAMETERS.len() {
+        assert!(
+            PARAMETERS[at].name.len() <= KEPT - 10,
+            "a request with this name is not kept whole"
+        );
+        at += 1;
+    }
+};
 const NODE_ID: usize = 0;
 const ACTUATOR_ID: usize = 1;
 
@@ -103,7 +115,7 @@ pub struct Node<C: Can, S> {
     unique_id: [u8; 16],
     node_id: u8,
     values: [i64; PARAMETERS.len()],
-    receiver: Receiver<Kind, 1, 1, 32>,
+    receiver: Receiver<Kind, 1, 1, KEPT>,
     response: Outgoing,
     message: Outgoing,
     /// A frame of this node that the driver returned, because one of higher priority took its
@@ -219,9 +231,9 @@ impl<C: Can, S: Storage> Node<C, S> {
         let segment = Segment::read(Id::from(id), frame.data(), self.node_id).ok()?;
         let actuator = self.values[ACTUATOR_ID] as u8;
         match self.receiver.accept(segment, actuator, now_ms as u16) {
-            Verdict::Message(command) => match *command.payload() {
+            Verdict::Message(message) => match (message.kind, message.payload()) {
                 // The number of the actuator, the unit (0: its travel), and a float16.
-                [_, 0, low, high] => {
+                (Kind::ArrayCommand, &[_, 0, low, high]) => {
                     let travel = float16::to_fixed(u16::from_le_bytes([low, high]), 10);
                     let thousandths = i32::from(travel) * 1000 / 1024;
                     Some(Action::Move(thousandths.clamp(-1000, 1000) as i16))
@@ -242,7 +254,8 @@ impl<C: Can, S: Storage> Node<C, S> {
                     Kind::ExecuteOpcode => {
                         (types::EXECUTE_OPCODE, self.execute(request.payload()), None)
                     }
-                    _ => (types::GET_SET, self.get_set(request.payload()), None),
+                    Kind::GetSet => (types::GET_SET, self.get_set(request.payload()), None),
+                    Kind::Unknown | Kind::ArrayCommand => return None,
                 };
                 let id = Id::response(request.priority, service.id, request.source, self.node_id);
                 self.response.begin(id, payload, request.transfer_id(), service.seed);
