@@ -348,7 +348,7 @@ fn there_is_a_hint_for_an_int_on_another_pin() {
     let program = elf_with(&scratch, "uno", "atmega328p", &["INT_ON_D3"]);
     let (text, ..) = result(&scratch, &program, &UNO);
     let expected = "HINT    INT of the MCP2515 (D2) is low, but the program has never looked at \
-                    that pin, only at PD3";
+                    that pin, only at D3";
     assert_eq!(text.matches(expected).count(), 1, "{text}");
     let right = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D3", "--crystal", "8"];
     let (text, ..) = result(&scratch, &program, &right);

@@ -72,7 +72,7 @@ impl Firmware {
     pub fn read(path: &Path) -> Result<Firmware> {
         if !path.exists() {
             let text = format!(
-                "{} does not exist: run \"make firmware\", or name an ELF with --elf",
+                "{} does not exist: is its name right? \"make firmware\" builds the node's",
                 path.display()
             );
             return Err(io::Error::new(io::ErrorKind::NotFound, text).into());
@@ -156,7 +156,7 @@ impl Firmware {
         let chip = Chip::of_device(device).with_context(|| {
             let names = Chip::ALL.map(Chip::name).join(" and ");
             format!(
-                "the program is for an {device}; the simulator has {names}, and --mcu chooses one"
+                "the program is for an {device}, and the simulator has {names}: build it for one"
             )
         })?;
         Ok(Some(chip))

@@ -65,7 +65,12 @@ impl Findings {
         }
         let since = *self.unseen_since.get_or_insert(board.now());
         self.is_int_reported = board.now() - since >= INT_SETTLED;
-        let name = |(port, bit): (char, u8)| format!("P{port}{bit}");
+        let name = |pin| match pin {
+            ('D', bit) => format!("D{bit}"),
+            ('B', bit @ ..=5) => format!("D{}", bit + 8),
+            ('C', bit @ ..=5) => format!("A{bit}"),
+            (port, bit) => format!("P{port}{bit}"),
+        };
         let names: Vec<String> = others.into_iter().map(name).collect();
         self.is_int_reported.then(|| {
             format!(
