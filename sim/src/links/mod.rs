@@ -88,8 +88,10 @@ pub struct Args {
     pub gdb: Option<u16>,
 
     /// Play frames and bench events from FILE: candump lines, and lines such as "(2.5) temperature
-    /// 60". Other events are "pwr-voltage 1260", "pwr-current 330", "button press", "button
-    /// release", "fault cable", "set D7 low", "rpm 6000", "i2c 0x48:0=1" and "serial TEXT"
+    /// 60"
+    ///
+    /// Other events are "pwr-voltage 1260", "pwr-current 330", "button press", "button release",
+    /// "fault cable", "set D7 low", "rpm 6000", "i2c 0x48:0=1" and "serial TEXT".
     #[arg(long, value_name = "FILE")]
     pub script: Option<PathBuf>,
 

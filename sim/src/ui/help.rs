@@ -159,11 +159,9 @@ Examples:
   sim --plain --traffic --for 1s         every message on the bus
   sim --autopilot ardupilot              commands for 15 servos in each message, like ArduPilot's
   sim --autopilot ardupilot --actuator all --motors 4
-                                         commands for 15 servos, each with its own phase, and for
-                                         four motors
+                                         commands for 15 servos with phases of their own, 4 motors
   sim --dialect draft --autopilot thesis
-                                         the autopilot of the thesis, in the UAVCAN of 2014, for a
-                                         firmware of FEATURES=thesis
+                                         the thesis's autopilot of 2014, for the preset thesis
   sim --plain --for 9s --inject other-dialect@4s
                                          an autopilot of the other dialect replaces the first at 4 s
   sim --no-autopilot --slcan ./can       a port for the DroneCAN GUI Tool: slcan: and its whole path
