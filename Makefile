@@ -270,10 +270,10 @@ judge: setup-test ## what "make bounds" proves of random programs, against runs 
 	JUDGE_SECONDS=1800 JUDGE_SEED=$(or $(SEED),$$(date +%s)) cargo test -p tests -p bridge --test judge -- --nocapture
 fuzz: setup-simavr firmware ## a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)
 	$(ON_CORE) FUZZ_FRAMES=1000000 $(BOARD_TESTS) fuzz:: --nocapture
-# New inputs stay in the target directory; tests/fuzz/corpus is only read.
+# New inputs stay in the target directory; tests/fuzz/corpus is only read. Only an Uno has "full".
 fuzz-coverage: $(TOOLS)/bin/cargo-fuzz ## the parsers in libFuzzer, a minute each  (TIME=900)
 	@set -e; for target in node commanders eeprom host sim bridge; do found=$(abspath $(TARGET_DIR))/fuzz/corpus/$$target; mkdir -p $$found; \
-		$(abspath $<) run --fuzz-dir tests/fuzz --target-dir $(abspath $(TARGET_DIR))/fuzz -s none $$target \
+		NODE_BOARD=uno NODE_SHIELD=seeed $(abspath $<) run --fuzz-dir tests/fuzz --target-dir $(abspath $(TARGET_DIR))/fuzz -s none $$target \
 			$$found tests/fuzz/corpus/$$target -- -max_total_time=$(or $(TIME),60) -max_len=2048 -timeout=20 -print_final_stats=1; done
 soak: setup-simavr firmware boot ## a node with random faults for an hour  (HOURS=4, SEED=7 for other faults; Ctrl-C ends it with a summary)
 	$(ON_CORE) SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
@@ -322,8 +322,8 @@ VERSIONS := cargo-about@0.9.3 cargo-deny@0.20.2 cargo-fuzz@0.13.2 cargo-mutants@
 $(TOOLS)/bin/cargo-fuzz: | setup-fuzz
 $(TOOLS)/bin/ravedude: | setup-flash
 $(TOOLS)/bin/%: | setup-build
-	@echo "Installing $*: half a minute on two cores"
-	@CARGO_PROFILE_DEV_DEBUG=false cargo install --quiet --debug --locked --root $(TOOLS) $(filter $*@%,$(VERSIONS)) \
+	@echo "Installing $*: $(if $(filter cargo-about,$*),three minutes,half a minute) on two cores"
+	@CARGO_PROFILE_DEV_DEBUG=false cargo install --quiet $(if $(filter cargo-about,$*),,--debug) --locked --root $(TOOLS) $(filter $*@%,$(VERSIONS)) \
 		$(if $(filter cargo-about,$*),--features cli)
 clean: ## remove what was built
 	cargo clean

@@ -19,7 +19,7 @@
 //! * An output has no pulse, or one that a complete command asked for since its type or its ID
 //!   changed last, or what its failsafe asks for after such a command.
 //! * A command of one frame for a servo is followed at once while no safety switch is on. So is one
-//!   of several frames if no other sender has begun one within 50 ms.
+//!   of several frames if no other sender has begun one within 50 ms, and its own was of this type.
 //! * A type or an ID changes only while nobody is armed, and that ends the pulse.
 //! * The SafetyState of a node that commands no output changes no pulse.
 //! * The bootloader gets no update while the vehicle is armed, nor within two seconds of a command
@@ -93,8 +93,9 @@ struct Sending {
 struct Sender {
     number: u8,
     sending: Option<Sending>,
-    /// When its last list was begun.
+    /// When its last list was begun, and its identifier.
     begun_ms: Option<u64>,
+    begun_id: u32,
     armed_ms: Option<u64>,
 }
 
@@ -283,7 +284,10 @@ impl Hub {
         let Some(data) = sending.frames.pop_front() else { return };
         let is_start = data.last().is_some_and(|tail| tail & 0x80 != 0);
         if is_start && !sending.is_single {
-            let begun = self.senders.iter().enumerate().filter(|(other, _)| *other != sender);
+            // With one lane a list of another type waits as another sender's.
+            let is_other =
+                |&(n, other): &(usize, &Sender)| n != sender || other.begun_id != sending.id;
+            let begun = self.senders.iter().enumerate().filter(is_other);
             let begun: Vec<_> = begun.filter_map(|(_, other)| other.begun_ms).collect();
             sending.is_alone = begun.iter().all(|begun_ms| now_ms - begun_ms > 2 * LIST_MS);
             for other in &mut self.senders {
@@ -294,6 +298,7 @@ impl Hub {
         }
         if !sending.is_single {
             self.senders[sender].begun_ms = Some(now_ms);
+            self.senders[sender].begun_id = sending.id;
             sending.is_alone &= now_ms - sending.last_ms < LIST_MS;
         }
         sending.last_ms = now_ms;
