@@ -348,9 +348,14 @@ impl RealBus {
     /// Updates a node with a file.
     ///
     /// # Errors
-    /// If the file is not a firmware, or the node is in an update.
+    /// If the file is not a firmware that takes updates, too, or the node is in an update.
     pub fn update(&mut self, node: NodeId, file: Vec<u8>, now: Duration) -> Result<(), String> {
         let file = FirmwareFile::parse(file).map_err(|error| error.to_string())?;
+        if !file.takes_updates() {
+            return Err("this program takes no further update over the bus: build one with the \
+                        feature \"update\", or flash it through USB"
+                .to_owned());
+        }
         self.updates.ask(node, file)?;
         self.nodes.ask_again(node, now);
         self.wants_id = true;

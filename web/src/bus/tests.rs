@@ -10,6 +10,7 @@ use bench::dronecan::{
 
 const NODE: u8 = 42;
 const FILE_LEN: usize = 600;
+const IMAGE_CRC: u64 = 0x0123_4567;
 
 fn id(id: u8) -> NodeId {
     NodeId::new(id).unwrap()
@@ -19,16 +20,23 @@ fn ms(milliseconds: u64) -> Duration {
     Duration::from_millis(milliseconds)
 }
 
+/// CRC-16-CCITT-FALSE.
+fn crc_of(bytes: &[u8]) -> u16 {
+    bytes.iter().fold(0xFFFF_u16, |crc, byte| {
+        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc, _| {
+            if crc & 0x8000 == 0 { crc << 1 } else { crc << 1 ^ 0x1021 }
+        })
+    })
+}
+
 /// A firmware file for hardware 2.1, version 1.3; docs/update.md has its form.
 fn firmware() -> Vec<u8> {
     let mut bytes: Vec<u8> = (0..FILE_LEN - 2).map(|n| n as u8).collect();
     let [low, high] = (FILE_LEN as u16).to_le_bytes();
     bytes[0x68..0x6E].copy_from_slice(&[2, 1, 1, 3, low, high]);
-    let crc = bytes.iter().fold(0xFFFF_u16, |crc, byte| {
-        (0..8).fold(crc ^ u16::from(*byte) << 8, |crc, _| {
-            if crc & 0x8000 == 0 { crc << 1 } else { crc << 1 ^ 0x1021 }
-        })
-    });
+    bytes[0x78..0x80].copy_from_slice(&[0x40, 0xA2, 0xE4, 0xF1, 0x64, 0x68, 0x91, 0x06]);
+    bytes[0x80..0x88].copy_from_slice(&IMAGE_CRC.to_le_bytes());
+    let crc = crc_of(&bytes);
     bytes.extend(crc.to_be_bytes());
     bytes
 }
@@ -181,6 +189,7 @@ impl Rig {
                 name: self.name.clone(),
                 software: self.software,
                 hardware: (2, 1),
+                image_crc: (self.software == (1, 3)).then_some(IMAGE_CRC),
                 ..NodeInfo::default()
             })),
             Message::ParameterRequest(request) => {
@@ -403,6 +412,18 @@ fn a_node_reads_its_firmware_from_the_page() {
     assert_eq!(rig.snapshot()["nodes"][1]["software"], "1.3");
     assert!(rig.bus.suits(id(NODE), firmware()));
     assert!(!rig.bus.suits(id(1), firmware()) && !rig.bus.suits(id(NODE), Vec::new()));
+}
+
+#[test]
+fn a_program_that_takes_no_further_update_is_not_sent() {
+    let mut rig = Rig::new();
+    rig.run(3);
+    let mut last = firmware();
+    last[0x78] ^= 1;
+    let crc = crc_of(&last[..FILE_LEN - 2]);
+    last[FILE_LEN - 2..].copy_from_slice(&crc.to_be_bytes());
+    let error = rig.bus.update(id(NODE), last, rig.now).unwrap_err();
+    assert!(error.contains("takes no further update over the bus"), "{error}");
 }
 
 #[test]
