@@ -343,7 +343,9 @@ const tests = {
     await hasNode(page, 120, /OPERATIONAL/);
     await chooseAndRead(page, 120);
     await page.setInputFiles("#can-file", firmware("diecimila-seeed.bin"));
-    await has(page, "#can-updates", /NOT updated/);
+    await has(page, "#can-client", /takes no further update over the bus/);
+    await page.setInputFiles("#can-file", firmware("diecimila-seeed-remote.bin"));
+    await has(page, "#can-updates", /NOT updated: refuses: its program takes no update/);
     await page.locator("#can-traffic button").first().click();
     for (const [colorScheme, width] of [["light", 1440], ["dark", 1440], ["light", 360]]) {
       await page.emulateMedia({ colorScheme });
