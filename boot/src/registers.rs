@@ -100,7 +100,6 @@ pub const UDR0: Register = Register(0xC6);
 pub const MCUSR: Register = Register(0x54);
 pub const WDRF: u8 = 1 << 3;
 pub const EXTRF: u8 = 1 << 1;
-pub const PORF: u8 = 1 << 0;
 /// SPMCSR.
 pub const RWWSRE: u8 = 1 << 4;
 pub const PGWRT: u8 = 1 << 2;

@@ -8,7 +8,7 @@ use core::arch::{asm, global_asm};
 use firmware::handover::{CRC_START, REQUEST_LEN};
 
 use crate::node_info;
-use crate::registers::{EXTRF, MCUSR, PORF, WDCE, WDE, WDP2_WDP1, WDRF};
+use crate::registers::{EXTRF, MCUSR, WDCE, WDE, WDP2_WDP1, WDRF};
 use crate::variables::{ADDRESS, ADDRESS_IN_Y, REQUEST_END, RESTART_COUNT, request};
 use crate::{crc, image, serial};
 
@@ -41,22 +41,24 @@ global_asm!(
 #[inline(always)]
 pub fn decide() -> bool {
     let flags = MCUSR.read();
-    // WDRF keeps the watchdog on (datasheet 11.9.2), so it must be cleared first.
-    MCUSR.write(0);
+    // WDRF keeps the watchdog on (datasheet 11.9.2), so it must be cleared first. The program tells
+    // the others, and clears them.
+    MCUSR.write(flags & !WDRF);
     // After a power-on the RAM is random, but other flags than WDRF are set, too.
     let count = if flags == WDRF { RESTART_COUNT.read().wrapping_add(1) } else { 0 };
     set_watchdog(Timeout::Never);
     RESTART_COUNT.write(count);
-    // A serial port resets the chip by its pin. A power-on may set the same flag, and is to start
-    // the program at once.
-    if flags & (PORF | EXTRF) == EXTRF {
+    // A serial port resets the chip by its pin alone. A power-on may set the same flag, and is to
+    // start the program at once, as is the watchdog that ends an upload.
+    if flags == EXTRF {
         serial::serve();
     }
     if image::is_valid() {
         node_info::take_version();
     } else {
-        // So that it does not start.
+        // So that it does not start. No program clears the flags, which are not the next reset's.
         RESTART_COUNT.write(RESTARTS_ALLOWED);
+        MCUSR.write(0);
     }
     // SAFETY: these are the bytes of the request.
     if unsafe { crc::of(CRC_START, request(), REQUEST_LEN as u16) } == 0 {

@@ -306,6 +306,23 @@ fn three_watchdog_resets_start_the_bootloader_and_the_reset_pin_the_program() {
     bench.wait_for_program(3000);
 }
 
+/// The loader leaves the flags of MCUSR for the program.
+#[test]
+fn the_program_behind_the_loader_tells_that_a_brown_out_restarted_it() {
+    use bench::avr::ResetCause::{BrownOut, External, PowerOn};
+    const BROWN_OUT: u16 = 2;
+    let mut bench = UpdateBench::with_program();
+    bench.wait_for_program(1500);
+    for (cause, code) in [(BrownOut, BROWN_OUT), (External, 0), (BrownOut, BROWN_OUT), (PowerOn, 0)]
+    {
+        bench.bench.board(0).reset(cause);
+        bench.wait_for_program(3000);
+        let statuses = bench.statuses();
+        let status = statuses.last().expect("a status").1;
+        assert_eq!(u16::from_le_bytes([status[5], status[6]]), code, "{cause:?}");
+    }
+}
+
 #[test]
 fn the_bootloader_recovers_after_the_controller_lost_its_power() {
     let mut bench = UpdateBench::empty();

@@ -71,6 +71,8 @@ impl UpdateBench {
         while self.now_ms() < end {
             self.step();
             if self.bench.board(0).avr().pc() < boot_section {
+                // It reads why the chip was reset.
+                self.run_ms(1);
                 return true;
             }
         }
