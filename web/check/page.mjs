@@ -795,9 +795,9 @@ const longTests = {
     await input.press("Enter");
     await until("it is set", async () => /OUT1_TRIM = 1444/.test(await text(page, "#client")));
     await page.click("#save");
-    await until("it is saved", async () => /executed|ok/i.test(await text(page, "#client")));
+    await monitorHas(page, "the save", /parameters saved/);
     await page.click("#erase");
-    await page.waitForTimeout(1000);
+    await monitorHas(page, "the save of the defaults", /parameters saved[^]*parameters saved/);
     await page.click("#reset");
     await monitorHas(page, "the reset", /reset: reset pin/);
     await isRunning(page);
