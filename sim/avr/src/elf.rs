@@ -309,7 +309,7 @@ mod tests {
         assert_eq!(Firmware::default().chip().unwrap(), None);
         let error = firmware("atmega2560").chip().unwrap_err().to_string();
         assert!(
-            error.contains("for an atmega2560; the simulator has atmega168 and atmega328p"),
+            error.contains("for an atmega2560, and the simulator has atmega168 and atmega328p"),
             "{error}"
         );
     }
