@@ -796,6 +796,10 @@ const longTests = {
     await until("it is set", async () => /OUT1_TRIM = 1444/.test(await text(page, "#client")));
     await page.click("#save");
     await monitorHas(page, "the save", /parameters saved/);
+    // An erase of an armed vehicle would stop its motors, and is refused.
+    await page.click("#armed");
+    await until("it is disarmed", async () => (await text(page, "#armed")) === "Disarmed");
+    await monitorHas(page, "that the node knows it", /disarmed|ArmingStatus[^]*: 0/);
     await page.click("#erase");
     await monitorHas(page, "the save of the defaults", /parameters saved[^]*parameters saved/);
     await page.click("#reset");
