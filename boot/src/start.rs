@@ -56,7 +56,8 @@ pub fn decide() -> bool {
     if image::is_valid() {
         node_info::take_version();
     } else {
-        // So that it does not start. No program clears the flags, which are not the next reset's.
+        // So that it does not start. It would have cleared the flags, so the loader does: the next
+        // reset has others.
         RESTART_COUNT.write(RESTARTS_ALLOWED);
         MCUSR.write(0);
     }

@@ -799,7 +799,7 @@ const longTests = {
     // An erase of an armed vehicle would stop its motors, and is refused.
     await page.click("#armed");
     await until("it is disarmed", async () => (await text(page, "#armed")) === "Disarmed");
-    await monitorHas(page, "that the node knows it", /disarmed|ArmingStatus[^]*: 0/);
+    await monitorHas(page, "that the node knows it", /rx ArmingStatus from \d+ tid \d+: 0\b/);
     await page.click("#erase");
     await monitorHas(page, "the save of the defaults", /parameters saved[^]*parameters saved/);
     await page.click("#reset");

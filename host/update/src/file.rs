@@ -70,9 +70,7 @@ impl FirmwareFile {
             software: (major, minor),
         })
     }
-}
 
-impl FirmwareFile {
     /// True if the node can be updated over the bus again after it has this file: a program with
     /// the feature `update` has an application descriptor.
     pub fn takes_updates(&self) -> bool {

@@ -175,7 +175,7 @@ impl Search {
 fn list(nodes: &BTreeMap<u8, Seen>) -> String {
     let ids: Vec<_> = nodes.keys().map(u8::to_string).collect();
     if ids.is_empty() {
-        "none: is it this bus, and its bit rate?".to_owned()
+        "none: is this the right bus, with its bit rate?".to_owned()
     } else {
         ids.join(", ")
     }

@@ -19,7 +19,8 @@
 //! * An output has no pulse, or one that a complete command asked for since its type or its ID
 //!   changed last, or what its failsafe asks for after such a command.
 //! * A command of one frame for a servo is followed at once while no safety switch is on. So is one
-//!   of several frames if no other sender has begun one within 50 ms, and its own was of this type.
+//!   of several frames if no other sender has begun one within 50 ms, nor, on a chip with one lane,
+//!   its own sender one of the other type.
 //! * A type or an ID changes only while nobody is armed, and that ends the pulse.
 //! * The SafetyState of a node that commands no output changes no pulse.
 //! * The bootloader gets no update while the vehicle is armed, nor within two seconds of a command
@@ -29,6 +30,7 @@ use std::collections::VecDeque;
 
 use dronecan_host::{Message, TransferId, split, types};
 use firmware::desk::{Desk, Memory};
+use firmware::hardware::LANES;
 use firmware::tables::condition::ResetCause;
 use firmware::tables::parameters::OutputParameter;
 use half::f16;
@@ -285,8 +287,9 @@ impl Hub {
         let is_start = data.last().is_some_and(|tail| tail & 0x80 != 0);
         if is_start && !sending.is_single {
             // With one lane a list of another type waits as another sender's.
-            let is_other =
-                |&(n, other): &(usize, &Sender)| n != sender || other.begun_id != sending.id;
+            let is_other = |&(n, other): &(usize, &Sender)| {
+                n != sender || LANES == 1 && other.begun_id != sending.id
+            };
             let begun = self.senders.iter().enumerate().filter(is_other);
             let begun: Vec<_> = begun.filter_map(|(_, other)| other.begun_ms).collect();
             sending.is_alone = begun.iter().all(|begun_ms| now_ms - begun_ms > 2 * LIST_MS);
