@@ -20,7 +20,7 @@
 //!   changed last, or what its failsafe asks for after such a command.
 //! * A command of one frame for a servo is followed at once while no safety switch is on. So is one
 //!   of several frames if no other sender has begun one within 50 ms, nor, on a chip with one lane,
-//!   its own sender one of the other type.
+//!   its own sender one of the other type, and no type or ID has changed since its first frame.
 //! * A type or an ID changes only while nobody is armed, and that ends the pulse.
 //! * The SafetyState of a node that commands no output changes no pulse.
 //! * The bootloader gets no update while the vehicle is armed, nor within two seconds of a command
@@ -86,8 +86,9 @@ struct Sending {
     frames: VecDeque<Vec<u8>>,
     order: Order,
     is_single: bool,
-    /// No other sender had an open list when it began, or has begun one since.
-    is_alone: bool,
+    /// No other sender had an open list when it began, or has begun one since, and no output has
+    /// got another type or ID: an entry is for those that had its ID when its frame came.
+    is_certain: bool,
     last_ms: u64,
 }
 
@@ -277,7 +278,7 @@ impl Hub {
         let id = id | u32::from(SENDERS[sender]);
         let last_ms = self.now_ms();
         self.senders[sender].sending =
-            Some(Sending { id, frames, order, is_single, is_alone: true, last_ms });
+            Some(Sending { id, frames, order, is_single, is_certain: true, last_ms });
     }
 
     fn send_next(&mut self, sender: usize) {
@@ -292,17 +293,13 @@ impl Hub {
             };
             let begun = self.senders.iter().enumerate().filter(is_other);
             let begun: Vec<_> = begun.filter_map(|(_, other)| other.begun_ms).collect();
-            sending.is_alone = begun.iter().all(|begun_ms| now_ms - begun_ms > 2 * LIST_MS);
-            for other in &mut self.senders {
-                if let Some(sending) = &mut other.sending {
-                    sending.is_alone = false;
-                }
-            }
+            sending.is_certain = begun.iter().all(|begun_ms| now_ms - begun_ms > 2 * LIST_MS);
+            self.disturb();
         }
         if !sending.is_single {
             self.senders[sender].begun_ms = Some(now_ms);
             self.senders[sender].begun_id = sending.id;
-            sending.is_alone &= now_ms - sending.last_ms < LIST_MS;
+            sending.is_certain &= now_ms - sending.last_ms < LIST_MS;
         }
         sending.last_ms = now_ms;
         if sending.frames.is_empty() {
@@ -311,8 +308,15 @@ impl Hub {
         self.hear(sending.id, &data);
         if !sending.frames.is_empty() {
             self.senders[sender].sending = Some(sending);
-        } else if sending.is_single || sending.is_alone {
+        } else if sending.is_single || sending.is_certain {
             self.assert_followed(&sending.order);
+        }
+    }
+
+    /// What is being sent need not be followed.
+    fn disturb(&mut self) {
+        for sending in self.senders.iter_mut().filter_map(|sender| sender.sending.as_mut()) {
+            sending.is_certain = false;
         }
     }
 
@@ -395,6 +399,7 @@ impl Hub {
         }
         let after = parameters.map(|parameter| self.of(output, parameter));
         if before != after {
+            self.disturb();
             self.asked[output] = Asked::default();
             assert_eq!(self.pulses()[output], 0, "the pulse of the old type or ID");
         }
