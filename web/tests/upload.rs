@@ -181,13 +181,15 @@ fn another_chip_is_refused_and_not_written() {
     assert!(target.has(&old) && session.flash() == Flash::Unchanged);
 }
 
-/// A program that repeats an instruction, with the header that our loader checks (docs/update.md).
-/// It runs whatever page it begins in.
+/// A program that clears MCUSR and then repeats an instruction, with the header that our loader
+/// checks (docs/update.md). It runs whatever page it begins in.
 fn repeated(instruction: u16) -> Vec<u8> {
     const PAGES: usize = 10;
     let mut program = instruction.to_le_bytes().repeat(PAGES * PAGE / 2);
-    // A jump over the header, to the second page.
-    program[..2].copy_from_slice(&0xC03F_u16.to_le_bytes());
+    // EOR r1, r1; OUT MCUSR, r1; and a jump over the header, to the second page.
+    for (word, opcode) in [0x2411_u16, 0xBE14, 0xC03D].into_iter().enumerate() {
+        program[2 * word..][..2].copy_from_slice(&opcode.to_le_bytes());
+    }
     // Hardware version, version of the program, length.
     let [low, high] = (program.len() as u16).to_le_bytes();
     program[0x68..0x6E].copy_from_slice(&[2, 0, 2, 0, low, high]);
