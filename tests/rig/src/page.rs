@@ -6,17 +6,20 @@ use std::process::Command;
 
 use bench::root;
 
-/// The commit of the sources, with "-dirty" if some have changed since.
+/// The commit of the sources, with "-dirty" if some have changed since: not the documents, which the
+/// measurements write themselves.
 pub fn commit() -> String {
-    let description = Command::new("git")
-        .args(["describe", "--always", "--dirty", "--abbrev=8", "--exclude=*"])
-        .current_dir(root())
-        .output();
-    match description {
-        Ok(output) if output.status.success() => {
-            String::from_utf8_lossy(&output.stdout).trim().to_owned()
-        }
-        _ => "unknown".to_owned(),
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").args(arguments).current_dir(root()).output().ok()?;
+        let text = String::from_utf8_lossy(&output.stdout).trim().to_owned();
+        output.status.success().then_some(text)
+    };
+    let Some(commit) = git(&["rev-parse", "--short=8", "HEAD"]) else {
+        return "unknown".to_owned();
+    };
+    match git(&["diff", "--quiet", "HEAD", "--", ".", ":!docs"]) {
+        Some(_) => commit,
+        None => format!("{commit}-dirty"),
     }
 }
 
