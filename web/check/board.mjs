@@ -169,6 +169,8 @@ const tests = {
     await prints(page, /DroneCAN servo node/);
     for (const bytes of [2000, 15_000, 30_500]) {
       [board.written, board.passing] = [0, bytes];
+      // What it said of the cut before.
+      await page.evaluate(() => (document.getElementById("real-status").textContent = ""));
       await page.click("#real-flash");
       await says(page, /port is gone.*does nothing until you flash it/);
       board.passing = Infinity;
