@@ -12,14 +12,12 @@ pub struct Safety {
     safe_s: u8,
     /// Node ID of whoever put it on; 0 if several nodes did, of which none can put it off.
     source: u8,
-    /// Outputs that followed commands, or missed them, when it was put on: bit n is output n.
-    was_following: u8,
 }
 
 impl Safety {
     /// Off.
     pub const fn new() -> Self {
-        Self { safe_s: 0, source: 0, was_following: 0 }
+        Self { safe_s: 0, source: 0 }
     }
 
     /// True while the safety switch is on.
@@ -43,21 +41,14 @@ impl Safety {
         self.safe_s = TIMEOUT_S + 1;
     }
 
-    /// These outputs, a bit each, will expect commands again once it is off.
-    pub fn note_following(&mut self, outputs: u8) {
-        self.was_following |= outputs;
-    }
-
     /// True if SAFE_MODE ends the pulses while it is on.
     pub fn ends_pulses(&self, parameters: &Parameters) -> bool {
         parameters.is_on(Parameter::SafeMode)
     }
 
-    /// A SafetyState says that it is off, or none came in time. Returns the outputs that expect
-    /// commands again, a bit each.
-    pub fn end(&mut self) -> u8 {
+    /// A SafetyState says that it is off, or none came in time.
+    pub fn end(&mut self) {
         self.safe_s = 0;
-        core::mem::take(&mut self.was_following)
     }
 
     /// Counts down the timeout. Returns true if it ends. Call once a second.

@@ -772,6 +772,29 @@ fn a_new_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
     assert_eq!(parameters.get(Parameter::OutCount), 8);
 }
 
+/// What was to be resumed, or was missed, was for the old ID.
+#[cfg(feature = "safety")]
+#[test]
+fn an_output_with_another_id_has_no_failsafe_before_a_command_for_it() {
+    const SAFETY_STATE: u32 = 0x184E_200A;
+    const STEPS: [fn(&mut Rig); 3] = [
+        |rig| rig.hear(&golden::frame(SAFETY_STATE, &[0, 0xC0])),
+        |rig| rig.set_output(0, OutputParameter::Id, 5),
+        |rig| rig.hear(&golden::frame(SAFETY_STATE, &[255, 0xC0])),
+    ];
+    for (order, silent_ms) in [([0, 1, 2], 0), ([0, 1, 2], 200), ([1, 0, 2], 0), ([1, 0, 2], 200)] {
+        let mut rig = hub();
+        rig.set_output(0, OutputParameter::Fs, 2);
+        rig.set_output(0, OutputParameter::Timeout, 100);
+        rig.widths(&[(1, 1900)]);
+        rig.run(silent_ms);
+        order.into_iter().for_each(|step| STEPS[step](&mut rig));
+        rig.run(1000);
+        assert_eq!(rig.servos_us()[0], 0, "{order:?} after {silent_ms} ms");
+        assert_eq!(rig.program.node.control.outputs.failing(), 0, "{order:?} after {silent_ms} ms");
+    }
+}
+
 #[cfg(feature = "safety")]
 #[test]
 fn the_safety_switch_stops_motors_with_the_minimum_and_ends_the_pulses_of_servos() {

@@ -25,18 +25,13 @@ impl Safety {
     /// Does nothing.
     pub fn begin(&mut self, _source: u8) {}
 
-    /// Does nothing.
-    pub fn note_following(&mut self, _outputs: u8) {}
-
     /// False.
     pub fn ends_pulses(&self, _parameters: &Parameters) -> bool {
         false
     }
 
-    /// None.
-    pub fn end(&mut self) -> u8 {
-        0
-    }
+    /// Does nothing.
+    pub fn end(&mut self) {}
 
     /// False.
     pub fn second(&mut self) -> bool {

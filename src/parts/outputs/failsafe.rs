@@ -78,6 +78,13 @@ impl Outputs {
         }
     }
 
+    /// An output has got another type or ID: it has no failsafe before a command for these.
+    #[inline(always)]
+    pub(super) fn expect_no_command(&mut self, bit: u8) {
+        self.failing &= !bit;
+        self.doubts.end(bit);
+    }
+
     /// True if no output is in failsafe.
     pub fn has_recovered(&self) -> bool {
         self.failing == 0
@@ -220,8 +227,8 @@ impl Outputs {
         self.safety.begin(source);
         self.failing |= self.doubts.end(u8::MAX);
         for (n, output) in self.each.iter_mut().enumerate() {
-            if !was_safe && (output.is_following() || self.failing & bit(n) != 0) {
-                self.safety.note_following(bit(n));
+            if !was_safe {
+                output.is_to_resume = output.is_following() || self.failing & bit(n) != 0;
             }
             self.kinds.begin_safe(bit(n), output, self.safety.ends_pulses(parameters));
         }
@@ -232,11 +239,9 @@ impl Outputs {
 
     /// From now on commands are expected again, if they were before.
     fn end_safe(&mut self, now_ms: u16) {
-        let was_following = self.safety.end();
-        for (n, output) in self.each.iter_mut().enumerate() {
-            if was_following & bit(n) != 0 {
-                output.expect_command(now_ms);
-            }
+        self.safety.end();
+        for output in &mut self.each {
+            output.resume(now_ms);
         }
     }
 }

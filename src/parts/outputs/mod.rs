@@ -182,11 +182,14 @@ impl Outputs {
             output.end();
         }
         output.update(n, parameters);
+        output.id = id;
         if is_another {
             self.waiting &= !bit(n);
         }
-        output.id = id;
         if OUTPUTS > 1 {
+            if is_another {
+                self.expect_no_command(bit(n));
+            }
             self.update_slot(n, self.kinds.is_actuator(bit(n)), is_another);
         }
     }

@@ -23,6 +23,8 @@ pub struct Output {
     pulse: Ticks,
     /// True from a followed command until the failsafe.
     is_following: bool,
+    /// It will expect commands again once the safety switch is off.
+    pub is_to_resume: bool,
     /// Time of the last followed command, in milliseconds.
     followed_ms: u16,
     /// Node ID of its sender; 0 if there is none.
@@ -38,6 +40,7 @@ impl Output {
         travel: Travel::NONE,
         pulse: 0,
         is_following: false,
+        is_to_resume: false,
         followed_ms: 0,
         commander: 0,
     };
@@ -109,12 +112,16 @@ impl Output {
     /// The output gets another type or ID: ends the pulses until a command for these comes.
     pub fn end(&mut self) {
         self.is_following = false;
+        self.is_to_resume = false;
         self.pulse = 0;
     }
 
-    /// From now on commands are expected: the failsafe begins if none comes.
-    pub fn expect_command(&mut self, now_ms: u16) {
-        self.is_following = true;
-        self.followed_ms = now_ms;
+    /// The safety switch is off: if commands were expected before, they are from now on, and the
+    /// failsafe begins if none comes.
+    pub fn resume(&mut self, now_ms: u16) {
+        if core::mem::take(&mut self.is_to_resume) {
+            self.is_following = true;
+            self.followed_ms = now_ms;
+        }
     }
 }
