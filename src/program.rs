@@ -205,7 +205,7 @@ impl Program {
             }
             Turn::Follow => node.follow_next(now_ms, monitor, board.outputs()),
             Turn::Tick => self.tick(board),
-            Turn::DoChore => node.do_chore(now_ms, monitor),
+            Turn::DoChore => node.do_chore(receiver, now_ms, monitor),
             Turn::PollController => self.poll_controller(board),
             Turn::SetFilters => {
                 board.set_filters(now_ms, node.acceptance(B::FLASH), node.attempts());

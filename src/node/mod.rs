@@ -52,7 +52,7 @@ use dronecan_wire::{NodeId, Rejection};
 
 use crate::dialect;
 use crate::eeprom::Eeprom;
-use crate::hardware::{Input, ShaftPulses};
+use crate::hardware::{Input, OUTPUTS, ShaftPulses};
 use crate::monitor::{Line, Monitor, Words};
 use crate::parts::log;
 use crate::parts::outputs::Pulses;
@@ -207,9 +207,9 @@ impl Node {
     }
 
     /// Does one pending chore.
-    pub fn do_chore(&mut self, now_ms: u16, monitor: &mut Monitor) {
+    pub fn do_chore(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
         if self.chores.remove(Chore::ApplyParameters) {
-            self.apply_next_parameters();
+            self.apply_next_parameters(receiver);
         } else if self.chores.remove(Chore::Measure) {
             self.sensors.temperature.measure(&self.parameters);
         } else if self.chores.remove(Chore::Second) {
@@ -227,10 +227,14 @@ impl Node {
     }
 
     /// Applies the parameters of the next output, and with those of the last one all others.
-    fn apply_next_parameters(&mut self) {
+    fn apply_next_parameters(&mut self, receiver: &mut Receiver) {
         let row = self.row();
-        if !self.control.outputs.update_next(&self.parameters) {
+        let applied = self.control.outputs.update_next(&self.parameters);
+        if !applied.is_last {
             self.chores.add(Chore::ApplyParameters);
+        }
+        if OUTPUTS > 1 && applied.is_another {
+            receiver.forget_entries();
         }
         self.control.lights.update(&self.parameters);
         if row != self.row() {

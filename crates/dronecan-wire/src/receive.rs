@@ -266,6 +266,13 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
         &self.lanes.lists
     }
 
+    /// The slots have got other IDs: the entries that open lists have so far are for nobody.
+    pub fn forget_entries(&mut self) {
+        for list in &mut self.lanes.lists {
+            list.slots = 0;
+        }
+    }
+
     /// Takes a frame. The entries of a list that begin with `own_id` are for this node. `now_ms` is
     /// a clock that wraps.
     pub fn accept(

@@ -20,6 +20,16 @@ fn hub() -> Rig {
     Rig::with(&[(Parameter::OutCount, OUTPUTS as i32)])
 }
 
+/// The frames of an ArrayCommand of pulse widths in microseconds, from node 10.
+fn widths(commands: &[(u8, u16)]) -> Vec<Frame> {
+    let entry = |&(id, width): &(u8, u16)| {
+        let [low, high] = half::f16::from_f32(f32::from(width)).to_le_bytes();
+        [id, PWM, low, high]
+    };
+    let payload: Vec<u8> = commands.iter().flat_map(entry).collect();
+    golden::transfer(ARRAY_COMMAND, golden::ARRAY_COMMAND, 3, &payload)
+}
+
 impl Rig {
     /// Sets a parameter of an output, counted from 0.
     fn set_output(&mut self, output: usize, parameter: OutputParameter, value: i32) {
@@ -30,14 +40,7 @@ impl Rig {
 
     /// Receives an ArrayCommand of pulse widths in microseconds, from node 10.
     fn widths(&mut self, commands: &[(u8, u16)]) {
-        let entry = |&(id, width): &(u8, u16)| {
-            let [low, high] = half::f16::from_f32(f32::from(width)).to_le_bytes();
-            [id, PWM, low, high]
-        };
-        let payload: Vec<u8> = commands.iter().flat_map(entry).collect();
-        for frame in golden::transfer(ARRAY_COMMAND, golden::ARRAY_COMMAND, 3, &payload) {
-            self.can.received.push_back(frame);
-        }
+        self.can.received.extend(widths(commands));
         self.settle();
     }
 
@@ -770,6 +773,23 @@ fn a_new_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
     assert_eq!(parameters.of(6, OutputParameter::Type), 1);
     assert_eq!(parameters.of(7, OutputParameter::Id), 1);
     assert_eq!(parameters.get(Parameter::OutCount), 8);
+}
+
+/// Neither the list's entry for the old ID nor, in the place of the new one, that of a list before,
+/// which was not complete.
+#[test]
+fn an_output_that_gets_another_id_in_the_middle_of_a_list_follows_nothing_before() {
+    let mut rig = hub();
+    let incomplete = widths(&[(7, 1900), (1, 1500), (2, 1500)]);
+    rig.hear(&incomplete[0]);
+    let frames = widths(&[(8, 1200), (1, 1500), (2, 1600)]);
+    rig.hear(&frames[0]);
+    rig.set_output(7, OutputParameter::Id, 7);
+    frames[1..].iter().for_each(|frame| rig.hear(frame));
+    rig.run(20);
+    assert_eq!(rig.servos_us(), [0, 1600, 0, 0, 0, 0, 0, 0]);
+    rig.widths(&[(7, 1700), (8, 1100)]);
+    assert_eq!(rig.servos_us()[6..], [1700, 1700]);
 }
 
 /// What was to be resumed, or was missed, was for the old ID.

@@ -54,6 +54,15 @@ pub struct Followed {
     pub is_second: bool,
 }
 
+/// The parameters of an output are in force.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Applied {
+    /// It is the last output.
+    pub is_last: bool,
+    /// It has got another type or ID. What lists have had for the old one so far is not for it.
+    pub is_another: bool,
+}
+
 /// For a quick search, outputs are listed by the lower four bits of their ID. A single output is
 /// compared directly.
 const LISTED: usize = if OUTPUTS > 1 { 16 } else { 0 };
@@ -149,7 +158,7 @@ impl Outputs {
     /// Applies the parameters of all outputs, also to the pulses.
     pub fn update(&mut self, parameters: &Parameters) {
         self.begin_update();
-        while !self.update_next(parameters) {}
+        while !self.update_next(parameters).is_last {}
     }
 
     /// Begins to apply the parameters: those of the first output are next.
@@ -159,20 +168,20 @@ impl Outputs {
         }
     }
 
-    /// Applies the parameters of the next output. Returns true if it is the last. An output takes
-    /// up to 60 us, so each has a turn of its own.
+    /// Applies the parameters of the next output. An output takes up to 60 us, so each has a turn of
+    /// its own.
     #[inline(never)]
-    pub fn update_next(&mut self, parameters: &Parameters) -> bool {
+    pub fn update_next(&mut self, parameters: &Parameters) -> Applied {
         let n = if OUTPUTS == 1 { 0 } else { place(self.updated.into()) };
-        self.update_output(n, parameters);
+        let is_another = self.update_output(n, parameters);
         if OUTPUTS > 1 {
             self.updated = n as u8 + 1;
         }
         self.touch();
-        n + 1 == self.used()
+        Applied { is_last: n + 1 == self.used(), is_another }
     }
 
-    fn update_output(&mut self, n: usize, parameters: &Parameters) {
+    fn update_output(&mut self, n: usize, parameters: &Parameters) -> bool {
         let id = parameters.of(n, OutputParameter::Id) as u8;
         let is_another_kind = self.kinds.update(n, bit(n), parameters);
         let output = &mut self.each[place(n)];
@@ -192,6 +201,7 @@ impl Outputs {
             }
             self.update_slot(n, self.kinds.is_actuator(bit(n)), is_another);
         }
+        is_another
     }
 
     /// Finds the slot of an output, which `has_slot` if it follows ArrayCommands. The first of the

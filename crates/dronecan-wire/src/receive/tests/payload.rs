@@ -198,6 +198,31 @@ fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
     }
 }
 
+/// What an earlier list left in the new place of a slot is no entry.
+#[test]
+fn a_list_has_no_entry_of_the_frames_before_its_slots_got_other_ids() {
+    let entries = [[7, 0, 1, 1], [3, 4, 2, 2], [9, 0, 3, 3], [8, 0, 4, 4], [1, 0, 5, 5]];
+    let frames = golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
+    let slot = |id| move |entry| (entry == id).then_some(Slot::new(0));
+    // The first frames have the entry for 7, the last ones that for 8.
+    for (before, after, slots) in [(7, 3, 0), (7, 8, 1), (8, 7, 0)] {
+        let mut receiver = Receiver::<Kind, 1, 1, 27>::new();
+        let mut complete = None;
+        for (number, frame) in frames.iter().enumerate() {
+            let segment =
+                Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
+            if number == 2 {
+                receiver.forget_entries();
+            }
+            let id = if number < 2 { before } else { after };
+            if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot(id), 0) {
+                complete = Some(transfer.slots());
+            }
+        }
+        assert_eq!(complete, Some(slots), "{before} becomes {after}");
+    }
+}
+
 /// A node with a lane for each type and sender, which takes entries whole and leaves the text of a
 /// GetSet out.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
