@@ -64,8 +64,8 @@ const HIGH: i32 = 4000;
 const FAILSAFE_US: i64 = 1300;
 const TOLERANCE: i32 = 1;
 
-/// A status of ArmingStatus or SafetyState counts for three to four seconds.
-const STATUS_MS: u64 = 4100;
+/// A status of ArmingStatus or SafetyState counts for four to five seconds.
+const STATUS_MS: u64 = 5100;
 /// An open list may keep another sender's list out for this time.
 const LIST_MS: u64 = 50;
 /// Longest simulated time of an input, in milliseconds.
