@@ -36,8 +36,8 @@ const LINE_MAX: usize = 120;
 /// the 16-bit clock.
 const LIFE_MS: u64 = 20_000;
 
-/// Time for which an ArmingStatus is valid: three to four seconds.
-const ARMED_FOR_MS: (u64, u64) = (3000, 4000);
+/// Time for which an ArmingStatus is valid: four to five seconds.
+const ARMED_FOR_MS: (u64, u64) = (4000, 5000);
 
 /// Time for which a commander stays the autopilot after its last message.
 const COMMANDER_FOR_MS: u64 = 3000;
