@@ -168,8 +168,8 @@ impl Outputs {
         }
     }
 
-    /// Applies the parameters of the next output. An output takes up to 60 us, so each has a turn of
-    /// its own.
+    /// Applies the parameters of the next output. An output takes up to 60 us, so each has a turn
+    /// of its own.
     #[inline(never)]
     pub fn update_next(&mut self, parameters: &Parameters) -> Applied {
         let n = if OUTPUTS == 1 { 0 } else { place(self.updated.into()) };

@@ -6,8 +6,8 @@ use std::process::Command;
 
 use bench::root;
 
-/// The commit of the sources, with "-dirty" if some have changed since: not the documents, which the
-/// measurements write themselves.
+/// The commit of the sources, with "-dirty" if some have changed since: not the documents, which
+/// the measurements write themselves.
 pub fn commit() -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").args(arguments).current_dir(root()).output().ok()?;
