@@ -181,6 +181,7 @@ impl Outputs {
         Applied { is_last: n + 1 == self.used(), is_another }
     }
 
+    /// Returns true if the output has got another type or ID.
     fn update_output(&mut self, n: usize, parameters: &Parameters) -> bool {
         let id = parameters.of(n, OutputParameter::Id) as u8;
         let is_another_kind = self.kinds.update(n, bit(n), parameters);
