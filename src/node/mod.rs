@@ -233,8 +233,8 @@ impl Node {
         if !applied.is_last {
             self.chores.add(Chore::ApplyParameters);
         }
-        if OUTPUTS > 1 && applied.is_another {
-            receiver.forget_entries();
+        if OUTPUTS > 1 && applied.moved != 0 {
+            receiver.forget_entries(applied.moved);
         }
         self.control.lights.update(&self.parameters);
         if row != self.row() {

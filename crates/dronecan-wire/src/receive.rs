@@ -266,10 +266,11 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
         &self.lanes.lists
     }
 
-    /// The slots have got other IDs: the entries that open lists have so far are for nobody.
-    pub fn forget_entries(&mut self) {
+    /// These slots, their [bits](Slot::bits), have got another ID or place: what open lists have for
+    /// them so far is no entry.
+    pub fn forget_entries(&mut self, slots: u8) {
         for list in &mut self.lanes.lists {
-            list.slots = 0;
+            list.slots &= !slots;
         }
     }
 

@@ -787,7 +787,7 @@ fn an_output_that_gets_another_id_in_the_middle_of_a_list_follows_nothing_before
     rig.set_output(7, OutputParameter::Id, 7);
     frames[1..].iter().for_each(|frame| rig.hear(frame));
     rig.run(20);
-    assert_eq!(rig.servos_us(), [0, 1600, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(rig.servos_us(), [1500, 1600, 0, 0, 0, 0, 0, 0]);
     rig.widths(&[(7, 1700), (8, 1100)]);
     assert_eq!(rig.servos_us()[6..], [1700, 1700]);
 }

@@ -59,8 +59,9 @@ pub struct Followed {
 pub struct Applied {
     /// It is the last output.
     pub is_last: bool,
-    /// It has got another type or ID. What lists have had for the old one so far is not for it.
-    pub is_another: bool,
+    /// Its bit if it has got another type, ID or slot: what lists have had for it so far is not for
+    /// it any more.
+    pub moved: u8,
 }
 
 /// For a quick search, outputs are listed by the lower four bits of their ID. A single output is
@@ -173,16 +174,16 @@ impl Outputs {
     #[inline(never)]
     pub fn update_next(&mut self, parameters: &Parameters) -> Applied {
         let n = if OUTPUTS == 1 { 0 } else { place(self.updated.into()) };
-        let is_another = self.update_output(n, parameters);
+        let moved = self.update_output(n, parameters);
         if OUTPUTS > 1 {
             self.updated = n as u8 + 1;
         }
         self.touch();
-        Applied { is_last: n + 1 == self.used(), is_another }
+        Applied { is_last: n + 1 == self.used(), moved }
     }
 
-    /// Returns true if the output has got another type or ID.
-    fn update_output(&mut self, n: usize, parameters: &Parameters) -> bool {
+    /// Returns what [`Applied::moved`] is.
+    fn update_output(&mut self, n: usize, parameters: &Parameters) -> u8 {
         let id = parameters.of(n, OutputParameter::Id) as u8;
         let is_another_kind = self.kinds.update(n, bit(n), parameters);
         let output = &mut self.each[place(n)];
@@ -196,13 +197,15 @@ impl Outputs {
         if is_another {
             self.waiting &= !bit(n);
         }
-        if OUTPUTS > 1 {
-            if is_another {
-                self.expect_no_command(bit(n));
-            }
-            self.update_slot(n, self.kinds.is_actuator(bit(n)), is_another);
+        if OUTPUTS == 1 {
+            return 0;
         }
-        is_another
+        if is_another {
+            self.expect_no_command(bit(n));
+        }
+        let Slot { at, .. } = self.each[place(n)].slot;
+        self.update_slot(n, self.kinds.is_actuator(bit(n)), is_another);
+        if is_another || at != self.each[place(n)].slot.at { bit(n) } else { 0 }
     }
 
     /// Finds the slot of an output, which `has_slot` if it follows ArrayCommands. The first of the

@@ -212,7 +212,7 @@ fn a_list_has_no_entry_of_the_frames_before_its_slots_got_other_ids() {
             let segment =
                 Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
             if number == 2 {
-                receiver.forget_entries();
+                receiver.forget_entries(1);
             }
             let id = if number < 2 { before } else { after };
             if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot(id), 0) {
