@@ -266,8 +266,8 @@ impl<K: Received, const LISTS: usize, const OTHERS: usize, const KEPT: usize, P:
         &self.lanes.lists
     }
 
-    /// These slots, their [bits](Slot::bits), have got another ID or place: what open lists have for
-    /// them so far is no entry.
+    /// These slots, their [bits](Slot::bits), have got another ID or place: what open lists have
+    /// for them so far is no entry.
     pub fn forget_entries(&mut self, slots: u8) {
         for list in &mut self.lanes.lists {
             list.slots &= !slots;
