@@ -45,14 +45,20 @@ fn assert_all_are_followed(rig: &mut Rig, mut mix: impl FnMut(&mut Rig, usize)) 
 
 #[test]
 fn incomplete_commands_of_others_do_not_stop_the_commander() {
-    // A first frame after each of the commander's frames, or one a second, or from many nodes.
-    for pattern in 0..3 {
+    // A first frame after each of the commander's frames, or one a second, or from many nodes, or
+    // from one that has completed a list, which is trusted until then.
+    for pattern in 0..4 {
         let mut rig = Rig::running();
+        if pattern == 3 {
+            for data in long_command(500) {
+                rig.send(ARRAY_COMMAND | 11, &data);
+            }
+        }
         let mut n = 0;
         assert_all_are_followed(&mut rig, |rig, at| {
             n += 1;
             match pattern {
-                0 => rig.send_frame(first_frame(11)),
+                0 | 3 => rig.send_frame(first_frame(11)),
                 1 if n % 450 == 3 => rig.send_frame(first_frame(11)),
                 2 if at == 4 => (11..30).for_each(|source| rig.send_frame(first_frame(source))),
                 _ => {}
