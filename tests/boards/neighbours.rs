@@ -46,7 +46,7 @@ fn assert_all_are_followed(rig: &mut Rig, mut mix: impl FnMut(&mut Rig, usize)) 
 #[test]
 fn incomplete_commands_of_others_do_not_stop_the_commander() {
     // A first frame after each of the commander's frames, or one a second, or from many nodes, or
-    // from one that has completed a list, which is trusted until then.
+    // after each from a node that is trusted at first, because it has completed a list.
     for pattern in 0..4 {
         let mut rig = Rig::running();
         if pattern == 3 {

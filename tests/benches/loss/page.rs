@@ -140,13 +140,14 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
 pub fn part(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
     let mut part = format!("{}\n\n{}\n\n", heading(chip), sentence(rows, chip, minutes, floods));
     part.push_str(
-        "Written by `make losses`. The bus is full of valid transfers with random values that \
-         change with each frame,\nwhile a client reads, sets and saves parameters. *Superseded* \
-         commands, out of those on the bus, were received\nand replaced by a newer one before the \
-         node followed them (only with one output). *Release* is the longest time\nfrom the end \
-         of a frame to the release of its buffer. *Queue* is how full the firmware's queue of \
-         received\nframes became. *Newest* is the longest time until an output had the newest \
-         value. *Commit*: that of the\nprogram.\n\n| program | frames | sent | lost | | \
+        "Written by `make losses`. The bus is full of valid transfers with random values that\n\
+         change with each frame, while a client reads, sets and saves parameters. *Superseded*\n\
+         commands, out of those on the bus, were received and replaced by a newer one before the\n\
+         node followed them (only with one output). *Release* is the longest time from the end\n\
+         of a frame to the release of its buffer. *Queue* is how full the firmware's queue of\n\
+         received frames became. *Newest* is the longest time until an output had the newest\n\
+         value. *Commit*: that of the program.\n\n\
+         | program | frames | sent | lost | | \
          superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | \
          ---: | ---: | ---: | ---: | ---: | --- |\n",
     );
