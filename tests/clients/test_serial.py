@@ -76,7 +76,13 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_serial_monitor(empty_boar
             # The same lock as in scripts/firmware: no other build may start before avrdude has read
             # the ELF.
             fcntl.flock(lock, fcntl.LOCK_EX)
-            cargo = used.start(*shlex.split(CARGO_RUN), cwd=ROOT, env=environment, stdout=file)
+            cargo = used.start(
+                *shlex.split(CARGO_RUN),
+                cwd=ROOT,
+                env=environment,
+                stdin=subprocess.PIPE,
+                stdout=file,
+            )
             wait_until(
                 lambda: b"flash written" in output.read_bytes() or cargo.poll() is not None,
                 "written flash",
@@ -87,6 +93,7 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_serial_monitor(empty_boar
             "line of the monitor",
             timeout=400,
         )
+        assert cargo.poll() is None, output.read_text(errors="replace")
         # Like a terminal at Ctrl-C.
         os.killpg(cargo.pid, signal.SIGINT)
         exit_code = cargo.wait(TIMEOUT_S)
@@ -176,6 +183,7 @@ def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, tmp_path, board,
             shield,
             "--port",
             str(used.serial),
+            stdin=subprocess.PIPE,
             stdout=file,
             cwd=ROOT,
         )
@@ -184,6 +192,7 @@ def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, tmp_path, board,
             "line of the monitor",
             timeout=400,
         )
+        assert flash.poll() is None, output.read_text(errors="replace")
         os.killpg(flash.pid, signal.SIGINT)
         exit_code = flash.wait(TIMEOUT_S)
     text = output.read_text(errors="replace")
