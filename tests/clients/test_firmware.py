@@ -160,6 +160,7 @@ def test_a_misspelt_word_of_make_is_answered_with_the_right_ones():
         (["bootloader"], "Say which programmer: make bootloader PROGRAMMER=usbasp"),
         (["bootloader", "PROGRAMMER=usbasp", "STOCK=no-such.hex"], "no-such.hex does not exist"),
         (["bootloader", "PROGRAMMER=usbasp", "BOARD=unu"], "BOARD=unu is wrong. Use one of"),
+        (["bootloader", "PROGRAMMER=usbsap"], "usbsap: avrdude knows no programmer of this name"),
         (["bootloader", "BOARD=uno"], "Say which programmer: make bootloader BOARD=uno PROG"),
         (["update"], "Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0"),
         (["update", "BOARD=uno"], "Say which bus: make update BOARD=uno NODE=120 BUS="),
