@@ -420,15 +420,33 @@ fn an_update_shortens_no_pulse_of_several_outputs_whatever_its_phase() {
 #[test]
 fn a_program_in_use_rejects_an_update_with_a_reason() {
     const IN_USE: &[u8] = b"armed, or a command in the last 2 s";
-    let mut bench = UpdateBench::with_program();
+    let elf = elf();
+    let firmware = Firmware::read(&elf).unwrap_or_else(|error| panic!("{error:#}"));
+    let mut rig = Rig::running_elf(&elf, started_with(&elf));
+    // With the trim as its failsafe, the servo would show one.
+    rig.set("OUT1_FS", 1);
+    rig.save();
+    let eeprom = rig.board().avr().eeprom();
+    let mut bench = UpdateBench::with(&firmware.flash, &eeprom, board().fastest_bit_rate());
     bench.wait_for_program(1500);
     // An ArmingStatus, and then an ArrayCommand with a position.
-    for (id, data) in [(0x1804_4C0A, &[255, 0xC0][..]), (0x1003_F20A, &[1, 0, 0, 0x38, 0xC7][..])] {
+    for (id, data, us) in [
+        (0x1804_4C0A, &[255, 0xC0][..], None),
+        (0x1003_F20A, &[1, 0, 0, 0x38, 0xC7][..], Some(1750.0)),
+    ] {
         bench.send(id, data);
         bench.run_ms(20);
         let response = bench.call(BEGIN_FIRMWARE_UPDATE, b"\0fw.bin");
         assert_eq!((response[0], &response[1..]), (INVALID_MODE, IN_USE), "{id:08X}");
-        bench.run_ms(6000);
+        // What is rejected begins no failsafe either.
+        bench.run_ms(20);
+        bench.bench.board(0).take_servo_pulses();
+        bench.run_ms(100);
+        let pulses = bench.bench.board(0).take_servo_pulses();
+        let widths: Vec<_> = pulses.iter().map(|pulse| pulse.width_us().round()).collect();
+        let as_commanded = widths.iter().all(|&width| Some(width) == us);
+        assert!(as_commanded && widths.is_empty() == us.is_none(), "{id:08X}: {widths:?}");
+        bench.run_ms(5880);
     }
     let long = [&[0][..], &[b'p'; 25]].concat();
     let response = bench.call(BEGIN_FIRMWARE_UPDATE, &long);
