@@ -233,7 +233,7 @@ impl Node {
         if !applied.is_last {
             self.chores.add(Chore::ApplyParameters);
         }
-        if OUTPUTS > 1 && applied.moved != 0 {
+        if OUTPUTS > 1 {
             receiver.forget_entries(applied.moved);
         }
         self.control.lights.update(&self.parameters);

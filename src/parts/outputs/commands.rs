@@ -45,15 +45,13 @@ impl Outputs {
         for output in by_pointer(&mut self.each) {
             if left & 1 != 0 {
                 let at = if OUTPUTS == 1 { 0 } else { output.slot.at };
-                let [id, number, low, high] = entries[usize::from(at / Slot::LEN) % entries.len()];
-                // An entry that cannot be followed must not replace one that can. Of several
-                // outputs, one may have got another ID since the entry came.
+                let [_, number, low, high] = entries[usize::from(at / Slot::LEN) % entries.len()];
+                // An entry that cannot be followed must not replace one that can.
                 match CommandType::checked(number, high) {
-                    Ok(unit) if OUTPUTS == 1 || id == output.id => {
+                    Ok(unit) => {
                         output.entry = Command::of(command, unit, [low, high]);
                         kept |= bit;
                     }
-                    Ok(_) => {}
                     Err(line) => refusal = line,
                 }
             }
