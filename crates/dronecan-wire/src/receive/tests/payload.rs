@@ -166,28 +166,41 @@ fn a_request_longer_than_what_is_kept_still_counts_its_bytes_and_checks_its_crc(
     }
 }
 
+type ListReceiver = Receiver<Kind, 1, 1, KEPT>;
+
+/// Receives an ArrayCommand. `begin` comes before each frame, with its number; `slot_of` has that
+/// and an ID.
+fn receive_list(
+    entries: &[[u8; 4]],
+    begin: impl Fn(usize, &mut ListReceiver),
+    slot_of: impl Fn(usize, u8) -> Option<Slot>,
+) -> Transfer {
+    let mut receiver = ListReceiver::new();
+    let frames = golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
+    let mut complete = None;
+    for (number, frame) in frames.iter().enumerate() {
+        begin(number, &mut receiver);
+        let segment =
+            Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
+        let verdict = receiver.accept_entries(segment, |id| slot_of(number, id), 0);
+        if let Verdict::Message(transfer) = verdict {
+            complete = Some(*transfer);
+        }
+    }
+    complete.expect("a whole transfer")
+}
+
 /// A node with several outputs: actuators 7 and 3 have slots 0 and 2.
 #[test]
 fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
-    let slot_of = |id| match id {
+    let slot_of = |_, id| match id {
         7 => Some(Slot::new(0)),
         3 => Some(Slot::new(2)),
         _ => None,
     };
     let entries = [[3, 0, 1, 1], [9, 0, 2, 2], [7, 4, 3, 3], [3, 4, 4, 4], [1, 0, 5, 5]];
     for (entries, slots) in [(&entries[..], 0b101), (&entries[..2], 0b100), (&entries[4..], 0)] {
-        let mut receiver = Receiver::<Kind, 1, 1, 27>::new();
-        let frames =
-            golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
-        let mut complete = None;
-        for frame in &frames {
-            let segment =
-                Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
-            if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot_of, 0) {
-                complete = Some(*transfer);
-            }
-        }
-        let transfer = complete.expect("a whole transfer");
+        let transfer = receive_list(entries, |_, _| (), slot_of);
         assert_eq!(transfer.slots(), slots);
         if slots == 0b101 {
             assert_eq!(
@@ -202,24 +215,17 @@ fn a_list_keeps_the_last_entry_of_each_slot_and_says_which_slots_have_one() {
 #[test]
 fn a_list_has_no_entry_of_the_frames_before_its_slots_got_other_ids() {
     let entries = [[7, 0, 1, 1], [3, 4, 2, 2], [9, 0, 3, 3], [8, 0, 4, 4], [1, 0, 5, 5]];
-    let frames = golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, entries.as_flattened());
-    let slot = |id| move |entry| (entry == id).then_some(Slot::new(0));
-    // The first frames have the entry for 7, the last ones that for 8.
+    // The first two frames have the entry for 7, the last ones that for 8.
     for (before, after, slots) in [(7, 3, 0), (7, 8, 1), (8, 7, 0)] {
-        let mut receiver = Receiver::<Kind, 1, 1, 27>::new();
-        let mut complete = None;
-        for (number, frame) in frames.iter().enumerate() {
-            let segment =
-                Segment::read(Id::from_bytes(frame.id.to_be_bytes()), &frame.data, 120).unwrap();
+        let forget = |number, receiver: &mut ListReceiver| {
             if number == 2 {
                 receiver.forget_entries(1);
             }
-            let id = if number < 2 { before } else { after };
-            if let Verdict::Message(transfer) = receiver.accept_entries(segment, slot(id), 0) {
-                complete = Some(transfer.slots());
-            }
-        }
-        assert_eq!(complete, Some(slots), "{before} becomes {after}");
+        };
+        let transfer = receive_list(&entries, forget, |number, entry| {
+            (entry == if number < 2 { before } else { after }).then_some(Slot::new(0))
+        });
+        assert_eq!(transfer.slots(), slots, "{before} becomes {after}");
     }
 }
 
