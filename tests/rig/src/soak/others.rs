@@ -240,9 +240,9 @@ impl Soak {
         self.send_arming();
         self.rig.run_ms(SLOT_MS);
         self.others.restart();
-        // A sender that lost commands in the fault is trusted again within 64 ms: see
-        // `src/node/trust.rs`.
-        for _ in 0..5 {
+        // A sender that lost commands in the fault is trusted again from a list that ends in 16 of
+        // each 64 ms: see `src/node/trust.rs`. Of ten lists, one each 20 ms, at least one does.
+        for _ in 0..10 {
             for (source, id) in [(AUTOPILOT, 1), (COMPANION, COMPANIONS as u8 + 1)] {
                 let entries = [(id, PWM, 1200.0), (FOREIGN, PWM, 1000.0)];
                 self.send_list(source, self.now(), 0, &entries);
