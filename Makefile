@@ -322,7 +322,7 @@ VERSIONS := cargo-about@0.9.3 cargo-deny@0.20.2 cargo-fuzz@0.13.2 cargo-mutants@
 $(TOOLS)/bin/cargo-fuzz: | setup-fuzz
 $(TOOLS)/bin/ravedude: | setup-flash
 $(TOOLS)/bin/%: | setup-build
-	@echo "Installing $*: $(if $(filter cargo-about,$*),three minutes,half a minute) on two cores"
+	@echo "Installing $*: $(if $(filter cargo-about cargo-semver-checks,$*),three minutes or more,half a minute) on two cores"
 	@CARGO_PROFILE_DEV_DEBUG=false cargo install --quiet $(if $(filter cargo-about,$*),,--debug) --locked --root $(TOOLS) $(filter $*@%,$(VERSIONS)) \
 		$(if $(filter cargo-about,$*),--features cli)
 clean: ## remove what was built
