@@ -122,8 +122,8 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
         some => format!("{some} of {floods}"),
     };
     let sentence = format!(
-        "On a full bus of 1 Mbit/s the {chip} lost {lost} of {frames} frames of valid transfers in \
-         {floods} floods of {minutes} simulated minutes each"
+        "On a full bus of 1 Mbit/s the {chip} lost {lost} of {frames} frames of valid transfers\n\
+         in {floods} floods of {minutes} simulated minutes each"
     );
     match worst {
         Some(worst) if worst.lost() > 0 => {
