@@ -85,6 +85,13 @@ fn load(counter: *const u8) -> u8 {
     unsafe { counter.read_volatile() }
 }
 
+/// The bytes of the queue before the place of a counter. A product of one byte: the compiler makes
+/// one of two bytes from halves, at 14 bytes of flash each.
+fn offset(counter: u8) -> usize {
+    const { assert!(QUEUE_LEN as usize * size_of::<Frame>() < 256) };
+    usize::from((counter % QUEUE_LEN).wrapping_mul(size_of::<Frame>() as u8))
+}
+
 fn exint() -> EXINT {
     // Safety: `Bus::new` has consumed these registers, so only this module uses them. One
     // instruction writes each register, so an interrupt cannot come between a read and a write.
@@ -128,8 +135,7 @@ unsafe fn fetch() {
         // Safety: the index is less than the length. The main loop has references only to places
         // from READ to WRITTEN, and this place is not among them, because the queue is not
         // full.
-        let place =
-            unsafe { &mut *(&raw mut QUEUE).cast::<Frame>().add(usize::from(written % QUEUE_LEN)) };
+        let place = unsafe { &mut *(&raw mut QUEUE).cast::<Frame>().byte_add(offset(written)) };
         if !can.receive(place) {
             // INT does not follow the chip. The driver checks for that every 10 ms.
             return;
@@ -289,7 +295,7 @@ impl Bus {
         }
         // Safety: the index is less than the length. The place is from READ to WRITTEN, so `fetch`
         // does not write it before READ is incremented.
-        act(unsafe { &*(&raw const QUEUE).cast::<Frame>().add(usize::from(read % QUEUE_LEN)) });
+        act(unsafe { &*(&raw const QUEUE).cast::<Frame>().byte_add(offset(read)) });
         // Safety: the pointer is to a static. Only the main loop writes this counter. The reference
         // to the frame has ended, so the place is free.
         unsafe { (&raw mut READ).write_volatile(read.wrapping_add(1)) };
