@@ -22,4 +22,16 @@ impl<T: Table> Progmem<T> for Image {
         };
         byte
     }
+
+    // One pointer for both bytes, where the compiler would compute two.
+    fn word(self, at: u16) -> u16 {
+        let word;
+        let address = (&raw const PROGRAM_FRONT.image).addr() as u16 + T::BEGIN + at;
+        // Safety: as above.
+        unsafe {
+            asm!("lpm {0:l}, Z+", "lpm {0:h}, Z", out(reg_pair) word, inout("Z") address => _,
+                options(pure, readonly, nostack, preserves_flags))
+        };
+        word
+    }
 }

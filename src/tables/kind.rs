@@ -288,7 +288,7 @@ impl Kind {
     #[inline(never)]
     pub fn data_type(self, flash: impl Progmem<DataTypes>) -> u16 {
         let at = 2 * (u16::from(self as u8 & (COMMAND - 1)) - 1);
-        u16::from_le_bytes([flash.byte(at), flash.byte(at + 1)])
+        flash.word(at)
     }
 
     /// True for a request to this node.
