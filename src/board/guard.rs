@@ -16,7 +16,7 @@
 use core::arch::{asm, global_asm};
 use core::panic::PanicInfo;
 
-use super::chip::{CPU, interrupt};
+use super::chip::CPU;
 use firmware::tables::condition::ResetCause;
 
 // Runs before everything else. Saves MCUSR in GPIOR1 and clears it. Stops the watchdog, which may
@@ -109,6 +109,7 @@ pub fn check_stack() {
 }
 
 /// Restarts the program, and stores the cause in GPIOR0.
+#[inline(never)]
 pub fn restart(cause: ResetCause) -> ! {
     avr_device::interrupt::disable();
     super::outputs::finish();
@@ -126,18 +127,28 @@ fn panic(_info: &PanicInfo) -> ! {
     restart(ResetCause::PANIC)
 }
 
-interrupt!(WDT {
+// The handler of the watchdog's interrupt, and the one that avr-libc calls for every interrupt
+// without a handler. Neither returns, so they save no registers.
+global_asm!(
+    ".global __vector_6, __vector_default",
+    "__vector_6:",
+    "    clr  r1",
+    "    jmp  {hung}",
+    "__vector_default:",
+    "    clr  r1",
+    "    jmp  {stray}",
+    hung = sym hung,
+    stray = sym stray,
+);
+
+extern "C" fn hung() -> ! {
     // After the third restart within a minute, the bootloader waits for another program.
     if super::loader::is_there() && super::loader::count_restart() {
         super::loader::enter(None);
     }
     restart(ResetCause::WATCHDOG)
-});
+}
 
-/// The handler that avr-libc calls for every interrupt without a handler.
-// Safety: avr-libc declares this name as a weak symbol for this purpose, and calls it as an
-// interrupt handler, which this function is.
-#[unsafe(no_mangle)]
-extern "avr-interrupt" fn __vector_default() {
+extern "C" fn stray() -> ! {
     restart(ResetCause::STRAY_INTERRUPT)
 }
