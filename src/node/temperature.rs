@@ -2,6 +2,7 @@
 
 use super::health::Health;
 use super::thermometer::{DEGREE_ZERO, Thermometer, celsius, corrected};
+use crate::math::divided;
 use crate::monitor::{Line, Monitor};
 use crate::tables::condition::Conditions;
 use crate::tables::parameters::{Parameter, Parameters};
@@ -93,13 +94,12 @@ impl Temperature {
     /// once a second.
     pub fn second(&self, health: &mut Health, monitor: &mut Monitor) {
         if self.has_sensor {
-            // A whole degree begins five tenths below its value.
-            let fraction = self.kelvin_64ths.wrapping_sub(DEGREE_ZERO) & 63;
-            let tenths = (self.celsius as u16)
-                .wrapping_mul(10)
-                .wrapping_add((fraction * 10) >> 6)
-                .wrapping_sub(5);
-            monitor.log_line(Line::Temperature).set_a(tenths);
+            // A whole degree begins five tenths below its value. From a whole multiple of a degree
+            // on, so that no number is negative.
+            const { assert!((DEGREE_ZERO + 22) % 64 == 0) };
+            let tenths = divided(5 * u32::from(self.kelvin_64ths + 22), 32) as u16;
+            let zero = (DEGREE_ZERO + 22) / 64 * 10 + 5;
+            monitor.log_line(Line::Temperature).set_a(tenths.wrapping_sub(zero));
         }
         let is_faulty = self.thermometer.is_sensor_faulty();
         let begins = if is_faulty { Line::SensorFault } else { Line::OutOfRange };

@@ -88,9 +88,9 @@ impl CommandType {
     }
 }
 
-/// 4096 x pi / 360 x 65,536. Converts the whole travel in degrees to half of it in 4096ths of a
-/// radian, times 65,536.
-const HALF_RANGE_FACTOR: u32 = 2_342_530;
+/// 4096 x pi / 360 as a fraction, with 355 / 113 for pi. Converts the whole travel in degrees to
+/// half of it in 4096ths of a radian.
+const HALF_RANGE: (u16, u16) = (36_352, 1017);
 
 /// The travel that the parameters define.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -123,8 +123,8 @@ impl Travel {
         self.below = trim - low;
         self.above = high - trim;
         self.is_reversed = parameters.of(output, OutputParameter::Reversed) as u8 != 0;
-        let range_deg = u32::from(parameters.of(output, OutputParameter::Range));
-        self.half_range = ((range_deg * HALF_RANGE_FACTOR + (1 << 15)) >> 16) as u16;
+        let range_deg = parameters.of(output, OutputParameter::Range);
+        self.half_range = scaled(range_deg, HALF_RANGE.0, HALF_RANGE.1);
     }
 
     /// The pulse for no deflection.
