@@ -73,8 +73,13 @@ impl Autopilot {
 
     /// Forgets an autopilot that is offline. Call once a second.
     pub fn second(&mut self) {
-        self.recent_s = self.recent_s.saturating_sub(1);
-        self.online_s = self.online_s.saturating_sub(1);
+        // Of a saturating subtraction LLVM 22 makes eight instructions in place of four.
+        if self.recent_s != 0 {
+            self.recent_s -= 1;
+        }
+        if self.online_s != 0 {
+            self.online_s -= 1;
+        }
         if self.online_s == 0 {
             *self = Self::NONE;
         }
