@@ -14,7 +14,7 @@ fn flash_and_variables_stay_within_their_budgets() {
     let mut address = |name: &str| rig.bench.board(0).avr().symbol(name).unwrap().address;
     let flash = address("__data_load_end");
     let statics = address("__heap_start") - budget().ram_start;
-    let (flash_limit, statics_limit) = (budget().flash_of_default, budget().statics);
+    let (flash_limit, statics_limit) = (budget().flash, budget().statics);
     println!("flash {flash} of {flash_limit}, statics {statics} of {statics_limit}");
     assert!(flash > 4000 && flash <= flash_limit);
     assert!(statics > 50 && statics <= statics_limit);

@@ -15,7 +15,6 @@ pub const PAINT: u8 = 0xC5;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Budget {
     pub flash: u32,
-    pub flash_of_default: u32,
     pub statics: u32,
     pub statics_and_stack: u32,
     /// Address of the first byte of the RAM.
@@ -41,7 +40,6 @@ impl Budget {
         };
         Budget {
             flash: bytes("flash"),
-            flash_of_default: bytes("flash_of_default"),
             statics: bytes("statics"),
             statics_and_stack: bytes("statics_and_stack"),
             ram_start: bytes("ram_start"),
@@ -65,9 +63,7 @@ mod tests {
         for chip in Chip::ALL {
             let budget = Budget::of(chip);
             assert_eq!(budget.ram_start, u32::from(regs::RAMSTART));
-            assert!(
-                budget.flash_of_default < budget.flash && budget.flash < chip.flash_bytes() as u32
-            );
+            assert!(budget.flash < chip.flash_bytes() as u32);
             assert!(budget.statics < budget.statics_and_stack);
             assert!(budget.statics_and_stack < chip.ram_bytes() as u32);
         }
