@@ -31,14 +31,14 @@ fn main() -> Result<()> {
 }
 
 #[derive(Default)]
-struct Memory(HashMap<usize, i64>);
+struct Memory(HashMap<usize, i32>);
 
 impl Storage for Memory {
-    fn load(&mut self, at: usize) -> Option<i64> {
+    fn load(&mut self, at: usize) -> Option<i32> {
         self.0.get(&at).copied()
     }
 
-    fn store(&mut self, values: &[i64; PARAMETERS.len()]) -> bool {
+    fn store(&mut self, values: &[i32; PARAMETERS.len()]) -> bool {
         self.0 = values.iter().copied().enumerate().collect();
         true
     }

@@ -25,9 +25,9 @@ const VERSION: [u8; 2] = [1, 0];
 pub struct Parameter {
     /// At most 22 bytes.
     pub name: &'static [u8],
-    pub default: i64,
-    pub min: i64,
-    pub max: i64,
+    pub default: i32,
+    pub min: i32,
+    pub max: i32,
 }
 
 /// The node ID takes effect after a restart.
@@ -47,6 +47,28 @@ const _: () = {
         at += 1;
     }
 };
+const DEFAULTS: [i32; PARAMETERS.len()] = {
+    let mut values = [0; PARAMETERS.len()];
+    let mut at = 0;
+    while at < values.len() {
+        values[at] = PARAMETERS[at].default;
+        at += 1;
+    }
+    values
+};
+/// Bytes of the longest response: that of GetNodeInfo has 41 before the name, that of GetSet 36.
+const RESPONSE_MAX: usize = {
+    let mut max = 41 + NAME.len();
+    let mut at = 0;
+    while at < PARAMETERS.len() {
+        let len = 36 + PARAMETERS[at].name.len();
+        max = if len > max { len } else { max };
+        at += 1;
+    }
+    max
+};
+/// Bytes of the longest message, which is NodeStatus.
+const MESSAGE_MAX: usize = 7;
 const NODE_ID: usize = 0;
 const ACTUATOR_ID: usize = 1;
 
@@ -54,9 +76,9 @@ const ACTUATOR_ID: usize = 1;
 pub trait Storage {
     /// Returns parameter `at`, or `None` if it was never stored. In place of a value out of range,
     /// such as that of an erased flash, the node has the default.
-    fn load(&mut self, at: usize) -> Option<i64>;
+    fn load(&mut self, at: usize) -> Option<i32>;
     /// Stores all parameters. Returns true if they are stored.
-    fn store(&mut self, values: &[i64; PARAMETERS.len()]) -> bool;
+    fn store(&mut self, values: &[i32; PARAMETERS.len()]) -> bool;
 }
 
 /// What the program must do.
@@ -69,15 +91,15 @@ pub enum Action {
 }
 
 /// One transfer that is being sent.
-struct Outgoing {
+struct Outgoing<const N: usize> {
     id: Id,
     sender: Sender,
-    payload: Payload,
+    payload: Payload<N>,
     /// The part of the next frame that has been made.
     data: Data,
 }
 
-impl Outgoing {
+impl<const N: usize> Outgoing<N> {
     const NONE: Self = Self {
         id: Id::from_bytes([0; 4]),
         sender: Sender::new(),
@@ -85,9 +107,10 @@ impl Outgoing {
         data: Data::EMPTY,
     };
 
-    fn begin(&mut self, id: Id, payload: Payload, transfer_id: u8, seed: u16) {
-        self.sender.begin(payload.bytes().len() as u8, transfer_id, seed);
-        (self.id, self.payload, self.data) = (id, payload, Data::EMPTY);
+    /// Begins to send the bytes that are in `payload`.
+    fn begin(&mut self, id: Id, transfer_id: u8, seed: u16) {
+        self.sender.begin(self.payload.bytes().len() as u8, transfer_id, seed);
+        (self.id, self.data) = (id, Data::EMPTY);
     }
 
     /// Makes the next frame, if there is one.
@@ -114,13 +137,17 @@ pub struct Node<C: Can, S> {
     storage: S,
     unique_id: [u8; 16],
     node_id: u8,
-    values: [i64; PARAMETERS.len()],
+    values: [i32; PARAMETERS.len()],
     receiver: Receiver<Kind, 1, 1, KEPT>,
-    response: Outgoing,
-    message: Outgoing,
+    response: Outgoing<RESPONSE_MAX>,
+    message: Outgoing<MESSAGE_MAX>,
     /// A frame of this node that the driver returned, because one of higher priority took its
     /// place.
     returned: Option<C::Frame>,
+    /// The seconds since the start, and when the next one begins. They are counted, because a
+    /// microcontroller without a divider takes a kilobyte to divide.
+    seconds: u32,
+    second_ms: u16,
     /// When the next NodeStatus is due. A Temperature follows half a second later.
     next_ms: u32,
     is_temperature_next: bool,
@@ -131,7 +158,7 @@ pub struct Node<C: Can, S> {
 impl<C: Can, S: Storage> Node<C, S> {
     /// `unique_id` is a number that no other node has, for example that of the microcontroller.
     pub fn new(can: C, mut storage: S, unique_id: [u8; 16]) -> Self {
-        let mut values = PARAMETERS.each_ref().map(|parameter| parameter.default);
+        let mut values = DEFAULTS;
         for (at, (value, parameter)) in values.iter_mut().zip(&PARAMETERS).enumerate() {
             let stored = storage.load(at).filter(|it| (parameter.min..=parameter.max).contains(it));
             *value = stored.unwrap_or(*value);
@@ -146,6 +173,8 @@ impl<C: Can, S: Storage> Node<C, S> {
             response: Outgoing::NONE,
             message: Outgoing::NONE,
             returned: None,
+            seconds: 0,
+            second_ms: 1000,
             next_ms: 0,
             is_temperature_next: false,
             transfer_ids: [0; 2],
@@ -160,6 +189,10 @@ impl<C: Can, S: Storage> Node<C, S> {
             Err(nb::Error::WouldBlock) => None,
             Err(nb::Error::Other(error)) => return Err(error),
         };
+        if (now_ms as u16).wrapping_sub(self.second_ms) as i16 >= 0 {
+            self.second_ms = self.second_ms.wrapping_add(1000);
+            self.seconds += 1;
+        }
         let action = received.and_then(|frame| self.take(&frame, now_ms));
         self.receiver.expire(now_ms as u16);
         self.publish(now_ms, kelvin);
@@ -207,16 +240,19 @@ impl<C: Can, S: Storage> Node<C, S> {
         if self.message.sender.is_busy() || (now_ms.wrapping_sub(self.next_ms) as i32) < 0 {
             return;
         }
-        let (message, payload) = if self.is_temperature_next {
-            let bits = float16::from_fixed(kelvin, 5).to_le_bytes();
+        let payload = &mut self.message.payload;
+        let message = if self.is_temperature_next {
+            let [low, high] = float16::from_fixed(kelvin, 5).to_le_bytes();
             // The number of the device, the temperature, and no error.
-            (types::DEVICE_TEMPERATURE, Payload::new(&[&[0, 0], &bits, &[0]]))
+            payload.set(&[0, 0, low, high, 0]);
+            types::DEVICE_TEMPERATURE
         } else {
-            (types::NODE_STATUS, Payload::new(&[&status(now_ms)]))
+            payload.set(&status(self.seconds));
+            types::NODE_STATUS
         };
         let transfer_id = &mut self.transfer_ids[usize::from(self.is_temperature_next)];
         let id = Id::message(24, message.id, self.node_id);
-        self.message.begin(id, payload, *transfer_id, message.seed);
+        self.message.begin(id, *transfer_id, message.seed);
         *transfer_id = (*transfer_id + 1) % 32;
         self.is_temperature_next = !self.is_temperature_next;
         self.next_ms = now_ms.wrapping_add(500);
@@ -242,78 +278,93 @@ impl<C: Can, S: Storage> Node<C, S> {
             },
             // A client that sends the next request before the response is complete repeats it.
             Verdict::Request(request) if !self.response.sender.is_busy() => {
-                let request = *request;
-                let (service, payload, action) = match request.kind {
-                    Kind::GetNodeInfo => (types::GET_NODE_INFO, self.node_info(now_ms), None),
+                let transfer_id = request.transfer_id();
+                let payload = &mut self.response.payload;
+                let (service, action) = match request.kind {
+                    Kind::GetNodeInfo => {
+                        // No commit and no checksum of the software. The last byte before the name
+                        // is the length of a certificate.
+                        payload.set(&status(self.seconds));
+                        payload.add(&VERSION);
+                        payload.add(&[0; 13]);
+                        payload.add(&VERSION);
+                        payload.add(&self.unique_id);
+                        payload.add(&[0]);
+                        payload.add(NAME);
+                        (types::GET_NODE_INFO, None)
+                    }
                     Kind::RestartNode => {
                         let is_magic = request.payload() == [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
-                        let ok = if is_magic { 0x80 } else { 0 };
-                        let action = is_magic.then_some(Action::Restart);
-                        (types::RESTART_NODE, Payload::new(&[&[ok]]), action)
+                        payload.set(&[if is_magic { 0x80 } else { 0 }]);
+                        (types::RESTART_NODE, is_magic.then_some(Action::Restart))
                     }
                     Kind::ExecuteOpcode => {
-                        (types::EXECUTE_OPCODE, self.execute(request.payload()), None)
+                        let is_done =
+                            execute(&mut self.values, &mut self.storage, request.payload());
+                        payload.set(&[0, 0, 0, 0, 0, 0, if is_done { 0x80 } else { 0 }]);
+                        (types::EXECUTE_OPCODE, None)
                     }
-                    Kind::GetSet => (types::GET_SET, self.get_set(request.payload()), None),
+                    Kind::GetSet => {
+                        match get_set(&mut self.values, request.payload()) {
+                            Some((parameter, value)) => payload.set_parameter(parameter, value),
+                            // Value, default, maximum and minimum are nothing.
+                            None => payload.set(&[0; 4]),
+                        }
+                        (types::GET_SET, None)
+                    }
                     Kind::Unknown | Kind::ArrayCommand => return None,
                 };
                 let id = Id::response(request.priority, service.id, request.source, self.node_id);
-                self.response.begin(id, payload, request.transfer_id(), service.seed);
+                self.response.begin(id, transfer_id, service.seed);
                 action
             }
             _ => None,
         }
     }
+}
 
-    fn node_info(&self, now_ms: u32) -> Payload {
-        // No commit and no checksum of the software. The last byte before the name is the length of
-        // a certificate.
-        let [software, hardware] = [VERSION; 2];
-        let parts: [&[u8]; 7] =
-            [&status(now_ms), &software, &[0; 13], &hardware, &self.unique_id, &[0], NAME];
-        Payload::new(&parts)
+/// Reads or sets a parameter, by its name or its index.
+fn get_set(
+    values: &mut [i32; PARAMETERS.len()],
+    request: &[u8],
+) -> Option<(&'static Parameter, i32)> {
+    // The index has 13 bits. The three below are what the value is: nothing or a whole number.
+    let &[low, high, ref rest @ ..] = request else { return None };
+    let (new, name) = match (high & 7, rest.split_first_chunk()) {
+        (1, Some((number, name))) => (i32::try_from(i64::from_le_bytes(*number)).ok(), name),
+        _ => (None, rest),
+    };
+    let at = if name.is_empty() {
+        usize::from(low) | usize::from(high >> 3) << 8
+    } else {
+        PARAMETERS.iter().position(|parameter| parameter.name == name)?
+    };
+    let (parameter, value) = (PARAMETERS.get(at)?, values.get_mut(at)?);
+    if let Some(new) = new.filter(|new| (parameter.min..=parameter.max).contains(new)) {
+        *value = new;
     }
+    Some((parameter, *value))
+}
 
-    /// Reads or sets a parameter, by its name or its index.
-    fn get_set(&mut self, request: &[u8]) -> Payload {
-        // The index has 13 bits. The three below are what the value is: nothing or a whole number.
-        let &[low, high, ref rest @ ..] = request else { return Payload::NO_PARAMETER };
-        let (new, name) = match (high & 7, rest.split_first_chunk()) {
-            (1, Some((number, name))) => (Some(i64::from_le_bytes(*number)), name),
-            _ => (None, rest),
-        };
-        let at = if name.is_empty() {
-            usize::from(low) | usize::from(high >> 3) << 8
-        } else {
-            let named = |parameter: &Parameter| parameter.name == name;
-            PARAMETERS.iter().position(named).unwrap_or(usize::MAX)
-        };
-        let (Some(parameter), Some(value)) = (PARAMETERS.get(at), self.values.get_mut(at)) else {
-            return Payload::NO_PARAMETER;
-        };
-        if let Some(new) = new.filter(|new| (parameter.min..=parameter.max).contains(new)) {
-            *value = new;
+/// Opcode 0 stores the parameters, 1 sets all to their defaults. Returns true if they are stored.
+fn execute(
+    values: &mut [i32; PARAMETERS.len()],
+    storage: &mut impl Storage,
+    request: &[u8],
+) -> bool {
+    let is_known = match request.first() {
+        Some(0) => true,
+        Some(1) => {
+            *values = DEFAULTS;
+            true
         }
-        Payload::of_parameter(parameter, *value)
-    }
-
-    /// Opcode 0 stores the parameters, 1 sets all to their defaults.
-    fn execute(&mut self, request: &[u8]) -> Payload {
-        let is_known = match request.first() {
-            Some(0) => true,
-            Some(1) => {
-                self.values = PARAMETERS.each_ref().map(|parameter| parameter.default);
-                true
-            }
-            _ => false,
-        };
-        let is_stored = is_known && self.storage.store(&self.values);
-        Payload::new(&[&[0; 6], &[if is_stored { 0x80 } else { 0 }]])
-    }
+        _ => false,
+    };
+    is_known && storage.store(values)
 }
 
 /// A NodeStatus: the time since the start in seconds, and a healthy node that operates.
-fn status(now_ms: u32) -> [u8; 7] {
-    let [s0, s1, s2, s3] = (now_ms / 1000).to_le_bytes();
+fn status(seconds: u32) -> [u8; 7] {
+    let [s0, s1, s2, s3] = seconds.to_le_bytes();
     [s0, s1, s2, s3, 0, 0, 0]
 }

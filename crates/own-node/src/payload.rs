@@ -2,41 +2,49 @@
 
 use crate::Parameter;
 
-/// Enough for a response with a name of 60 bytes.
-const MAX_LEN: usize = 101;
-
-/// Up to [`MAX_LEN`] bytes.
-pub struct Payload {
-    bytes: [u8; MAX_LEN],
-    len: usize,
+/// Up to `N` bytes. They are made in place: a copy of a response takes 60 bytes of stack.
+pub struct Payload<const N: usize> {
+    bytes: [u8; N],
+    len: u8,
 }
 
-impl Payload {
-    pub const EMPTY: Self = Self { bytes: [0; MAX_LEN], len: 0 };
-    /// The response of GetSet without a parameter: value, default, maximum and minimum are nothing.
-    pub const NO_PARAMETER: Self = Self { bytes: [0; MAX_LEN], len: 4 };
+impl<const N: usize> Payload<N> {
+    pub const EMPTY: Self = Self { bytes: [0; N], len: 0 };
 
-    /// Joins the parts. What does not fit is left out.
-    pub fn new(parts: &[&[u8]]) -> Self {
-        let mut payload = Self::EMPTY;
-        for byte in parts.iter().copied().flatten() {
-            if let Some(place) = payload.bytes.get_mut(payload.len) {
-                *place = *byte;
-                payload.len += 1;
-            }
-        }
-        payload
+    pub fn set(&mut self, part: &[u8]) {
+        self.len = 0;
+        self.add(part);
     }
 
-    /// The response of GetSet: value, default, maximum, minimum and name. Each number follows the
-    /// tag of a whole number.
-    pub fn of_parameter(parameter: &Parameter, value: i64) -> Self {
+    /// Adds bytes. What does not fit is left out.
+    #[inline(never)]
+    pub fn add(&mut self, part: &[u8]) {
+        for byte in part {
+            if let Some(place) = self.bytes.get_mut(usize::from(self.len)) {
+                *place = *byte;
+                self.len += 1;
+            }
+        }
+    }
+
+    /// Adds a whole number of 64 bits, after its tag.
+    fn add_number(&mut self, number: i32) {
+        self.add(&[1]);
+        self.add(&number.to_le_bytes());
+        self.add(&[if number < 0 { 0xFF } else { 0 }; 4]);
+    }
+
+    /// The response of GetSet: value, default, maximum, minimum and name.
+    pub fn set_parameter(&mut self, parameter: &Parameter, value: i32) {
         let &Parameter { name, default, min, max } = parameter;
-        let [value, default, max, min] = [value, default, max, min].map(i64::to_le_bytes);
-        Self::new(&[&[1], &value, &[1], &default, &[1], &max, &[1], &min, name])
+        self.len = 0;
+        for number in [value, default, max, min] {
+            self.add_number(number);
+        }
+        self.add(name);
     }
 
     pub fn bytes(&self) -> &[u8] {
-        &self.bytes[..self.len]
+        self.bytes.get(..usize::from(self.len)).unwrap_or(&self.bytes)
     }
 }

@@ -170,6 +170,8 @@ fn parameters_are_listed_set_within_their_limits_and_kept_once_stored() {
     let of_actuator = |value| parameter(value, 1, 255, 0, "ACTUATOR_ID");
     assert_eq!(get_set(&mut rig, &set(9, "ACTUATOR_ID")), of_actuator(9));
     assert_eq!(get_set(&mut rig, &set(256, "ACTUATOR_ID")), of_actuator(9));
+    // More than 32 bits, of which the lower ones would be allowed.
+    assert_eq!(get_set(&mut rig, &set(1 << 32 | 7, "ACTUATOR_ID")), of_actuator(9));
 
     // Not stored yet.
     let mut node = rig.node();
@@ -197,11 +199,13 @@ fn a_restart_needs_the_magic_number() {
     assert_eq!(rig.actions, [Action::Restart]);
 }
 
-/// The frames in a driver that sends none, and returns the oldest for a new one if `returns`.
+/// The frames in a driver that sends none, and returns the oldest for a new one if `returns`. It
+/// accepts no frame if `is_full`.
 #[derive(Default)]
 struct Mailboxes {
     waiting: VecDeque<BusFrame>,
     returns: bool,
+    is_full: bool,
 }
 
 #[derive(Clone, Default)]
@@ -213,6 +217,9 @@ impl Can for Blocked {
 
     fn transmit(&mut self, frame: &BusFrame) -> nb::Result<Option<BusFrame>, Self::Error> {
         let mut mailboxes = self.0.borrow_mut();
+        if mailboxes.is_full {
+            return Err(nb::Error::WouldBlock);
+        }
         let returned = if mailboxes.returns { mailboxes.waiting.pop_front() } else { None };
         mailboxes.waiting.push_back(*frame);
         Ok(returned)
@@ -238,4 +245,17 @@ fn a_frame_that_the_driver_returns_is_sent_again_before_the_next_one() {
     let sent = &driver.0.borrow().waiting;
     assert_eq!(sent[0], status);
     assert_eq!((sent[1].id, sent.len()), (status.id, 2));
+}
+
+#[test]
+fn the_uptime_is_right_after_a_time_in_which_nothing_could_be_sent() {
+    let driver = Blocked::default();
+    let mut node = Node::new(driver.clone(), Memory::default(), [0; 16]);
+    for now_ms in 0..80_000 {
+        driver.0.borrow_mut().is_full = (5_000..70_000).contains(&now_ms);
+        node.turn(now_ms, 300 * 32).unwrap();
+    }
+    let sent = driver.0.borrow();
+    let status = sent.waiting.iter().rfind(|frame| frame.dlc == 8).unwrap();
+    assert_eq!(status.data()[..4], [79, 0, 0, 0]);
 }

@@ -169,14 +169,14 @@ impl Can for Controller {
 
 /// A storage, which outlives the node.
 #[derive(Clone, Default)]
-pub struct Memory(Rc<RefCell<HashMap<usize, i64>>>);
+pub struct Memory(Rc<RefCell<HashMap<usize, i32>>>);
 
 impl Storage for Memory {
-    fn load(&mut self, at: usize) -> Option<i64> {
+    fn load(&mut self, at: usize) -> Option<i32> {
         self.0.borrow().get(&at).copied()
     }
 
-    fn store(&mut self, values: &[i64; PARAMETERS.len()]) -> bool {
+    fn store(&mut self, values: &[i32; PARAMETERS.len()]) -> bool {
         *self.0.borrow_mut() = values.iter().copied().enumerate().collect();
         true
     }

@@ -17,18 +17,18 @@ const PAGE_LEN: usize = 256;
 pub struct Flash;
 
 impl Storage for Flash {
-    fn load(&mut self, at: usize) -> Option<i64> {
+    fn load(&mut self, at: usize) -> Option<i32> {
         if at >= PARAMETERS.len() {
             return None;
         }
-        let number = (XIP_BASE + SECTOR as usize + size_of::<i64>() * at) as *const i64;
-        // SAFETY: the address is in the sector, and every eight bytes are a number.
+        let number = (XIP_BASE + SECTOR as usize + size_of::<i32>() * at) as *const i32;
+        // SAFETY: the address is in the sector, and every four bytes are a number.
         Some(unsafe { number.read_volatile() })
     }
 
-    fn store(&mut self, values: &[i64; PARAMETERS.len()]) -> bool {
+    fn store(&mut self, values: &[i32; PARAMETERS.len()]) -> bool {
         let mut page = [0xFF; PAGE_LEN];
-        for (place, value) in page.chunks_exact_mut(size_of::<i64>()).zip(values) {
+        for (place, value) in page.chunks_exact_mut(size_of::<i32>()).zip(values) {
             place.copy_from_slice(&value.to_le_bytes());
         }
         cortex_m::interrupt::free(|_| {

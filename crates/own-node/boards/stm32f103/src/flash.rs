@@ -7,7 +7,7 @@ use stm32f1xx_hal::flash::{FlashSize, FlashWriter, Parts, SectorSize};
 
 /// The last page of 64 KiB, for which `memory.x` leaves room.
 const PAGE: u32 = 63 * 1024;
-const NUMBER_LEN: usize = size_of::<i64>();
+const NUMBER_LEN: usize = size_of::<i32>();
 /// The unique device ID of 96 bits (RM0008, 30.2).
 const UNIQUE_ID: *const [u32; 3] = 0x1FFF_F7E8 as *const _;
 
@@ -20,13 +20,13 @@ impl Flash {
 }
 
 impl Storage for Flash {
-    fn load(&mut self, at: usize) -> Option<i64> {
+    fn load(&mut self, at: usize) -> Option<i32> {
         let writer = self.writer();
         let bytes = writer.read(PAGE + (NUMBER_LEN * at) as u32, NUMBER_LEN).ok()?;
-        Some(i64::from_le_bytes(bytes.try_into().ok()?))
+        Some(i32::from_le_bytes(bytes.try_into().ok()?))
     }
 
-    fn store(&mut self, values: &[i64; PARAMETERS.len()]) -> bool {
+    fn store(&mut self, values: &[i32; PARAMETERS.len()]) -> bool {
         let mut writer = self.writer();
         let mut address = PAGE;
         let mut is_stored = writer.page_erase(PAGE).is_ok();
