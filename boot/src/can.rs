@@ -92,11 +92,14 @@ pub fn set_up_spi() {
     const SCK: Pin = Pin::named("D13");
     let (ddr, port) = port(CAN_SELECT.port);
     port.set(CAN_SELECT.mask());
-    ddr.set(CAN_SELECT.mask());
     // SS must be an output, so that the SPI stays master.
-    let (ddrb, _) = crate::registers::port(b'B');
-    let is_on_b = CAN_SELECT.port == b'B';
-    ddrb.write(SS.mask() | MOSI.mask() | SCK.mask() | if is_on_b { CAN_SELECT.mask() } else { 0 });
+    let mut outputs = SS.mask() | MOSI.mask() | SCK.mask();
+    if CAN_SELECT.port == b'B' {
+        outputs |= CAN_SELECT.mask();
+    } else {
+        ddr.set(CAN_SELECT.mask());
+    }
+    crate::registers::port(b'B').0.write(outputs);
     SPCR.write(SPE | MSTR);
     SPSR.write(SPI2X);
 }
@@ -105,8 +108,7 @@ pub fn set_up_spi() {
 /// frame.
 #[inline(always)]
 pub fn configure() {
-    begin(instruction::RESET);
-    end();
+    command(instruction::RESET);
     IS_RXB1_NEXT.write(0);
     // The oscillator starts in 128 periods (8.1), which is 16 us at 8 MHz. This takes longer.
     let mut turns = 64u8;
@@ -117,26 +119,26 @@ pub fn configure() {
             break;
         }
     }
-    begin_filters(RXF0SIDH, NODE_ID.read(), 3);
+    begin_filters(3, RXF0SIDH, NODE_ID.read());
     end();
-    begin_filters(RXF3SIDH, NODE_ID.read(), 3);
+    begin_filters(3, RXF3SIDH, NODE_ID.read());
     end();
     // Behind the masks follows the bit timing.
-    begin_filters(RXM0SIDH, NODE_ID_BITS, 2);
+    begin_filters(2, RXM0SIDH, NODE_ID_BITS);
     exchange(CNF3.read());
     exchange(CNF2.read());
     exchange(CNF1.read());
     end();
     // The bits of LISTEN_ONLY are those of RXM, which turn the filters off. That of TRIAL cannot be
     // written here.
-    write(RXB0CTRL, BUKT | MODE.read());
+    write(BUKT | MODE.read(), RXB0CTRL);
     set_mode();
 }
 
 /// Puts the chip into [`MODE`].
 #[inline(always)]
 pub fn set_mode() {
-    write(CANCTRL, MODE.read());
+    write(MODE.read(), CANCTRL);
 }
 
 /// True if there was an error in a frame of others since the chip was set up.
@@ -148,9 +150,8 @@ pub fn has_received_error() -> bool {
 /// Begins to write `count` filters or masks for services with `destination`. The caller may write
 /// the registers behind them, and must end it.
 #[inline(never)]
-fn begin_filters(register: u8, destination: u8, mut count: u8) {
-    begin(instruction::WRITE);
-    exchange(register);
+fn begin_filters(mut count: u8, register: u8, destination: u8) {
+    begin_at(instruction::WRITE, register);
     loop {
         exchange(0);
         // The masks have no such bit.
@@ -245,39 +246,54 @@ pub fn begin_frame(sidh: u8, sidl: u8, eid8: u8, eid0: u8) {
 #[inline(always)]
 pub fn send() {
     end();
-    begin(instruction::RTS_TXB0);
-    end();
+    command(instruction::RTS_TXB0);
 }
 
 #[inline(never)]
 fn read_status() -> u8 {
     begin(instruction::READ_STATUS);
-    let status = exchange(0);
-    end();
-    status
+    exchange_last(0)
 }
 
 #[inline(never)]
 fn read(register: u8) -> u8 {
-    begin(instruction::READ);
-    exchange(register);
-    let value = exchange(0);
-    end();
-    value
+    begin_at(instruction::READ, register);
+    exchange_last(0)
 }
 
 #[inline(never)]
-fn write(register: u8, value: u8) {
-    begin(instruction::WRITE);
-    exchange(register);
-    exchange(value);
-    end();
+fn write(value: u8, register: u8) {
+    begin_at(instruction::WRITE, register);
+    exchange_last(value);
 }
 
-#[inline(always)]
+/// Begins an instruction with the address of a register.
+#[inline(never)]
+fn begin_at(instruction: u8, register: u8) {
+    begin(instruction);
+    exchange(register);
+}
+
+/// Begins an instruction.
+#[inline(never)]
 fn begin(instruction: u8) {
     port(CAN_SELECT.port).1.clear(CAN_SELECT.mask());
     exchange(instruction);
+}
+
+/// Does an instruction of one byte.
+#[inline(always)]
+fn command(instruction: u8) {
+    port(CAN_SELECT.port).1.clear(CAN_SELECT.mask());
+    exchange_last(instruction);
+}
+
+/// Sends the last byte of an instruction, and returns the one that comes back.
+#[inline(never)]
+fn exchange_last(byte: u8) -> u8 {
+    let answer = exchange(byte);
+    end();
+    answer
 }
 
 #[inline(always)]

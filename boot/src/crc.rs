@@ -1,33 +1,42 @@
 //! CRC-16-CCITT-FALSE: of transfers, of records, and of the program.
 
-use core::arch::asm;
+use core::arch::{asm, global_asm};
 
-/// Returns the CRC after one more byte. `dronecan_wire::crc` is faster, and twice as long.
-#[inline(never)]
-pub fn add(crc: u16, byte: u8) -> u16 {
-    let after;
-    // Shifts the CRC left eight times. Subtracts the polynomial 0x1021 each time that a bit leaves.
-    // SAFETY: the block changes only its operands.
+// `crc_add` adds the byte in r22 to the CRC in r25:r24, and changes r18 and r22. It shifts the CRC
+// left eight times, and subtracts the polynomial 0x1021 each time that a bit leaves.
+// `dronecan_wire::crc` is faster, and twice as long.
+//
+// `crc_of` adds as many bytes as X says, which is not zero, from Z on. It changes X and Z, too.
+global_asm!(
+    "crc_of:",
+    "    ld r22, Z+",
+    "    rcall crc_add",
+    "    sbiw r26, 1",
+    "    brne crc_of",
+    "    ret",
+    "crc_add:",
+    "    eor r25, r22",
+    "    ldi r18, 8",
+    "1:  lsl r24",
+    "    rol r25",
+    "    brcc 2f",
+    "    ldi r22, 0x10",
+    "    eor r25, r22",
+    "    ldi r22, 0x21",
+    "    eor r24, r22",
+    "2:  dec r18",
+    "    brne 1b",
+    "    ret",
+);
+
+/// Returns the CRC after one more byte.
+#[inline(always)]
+pub fn add(mut crc: u16, byte: u8) -> u16 {
+    // SAFETY: the block changes only the registers that `crc_add` names.
     unsafe {
-        asm!(
-            "eor {crc:h}, {byte}",
-            "ldi {bits}, 8",
-            "2: lsl {crc:l}",
-            "rol {crc:h}",
-            "brcc 3f",
-            "ldi {byte}, 0x10",
-            "eor {crc:h}, {byte}",
-            "ldi {byte}, 0x21",
-            "eor {crc:l}, {byte}",
-            "3: dec {bits}",
-            "brne 2b",
-            crc = inout(reg_pair) crc => after,
-            byte = inout(reg_upper) byte => _,
-            bits = out(reg_upper) _,
-            options(pure, nomem, nostack)
-        );
+        asm!("rcall crc_add", inout("r25r24") crc, inout("r22") byte => _, out("r18") _);
     }
-    after
+    crc
 }
 
 /// Returns the CRC of `len` bytes, which are not zero, from `bytes` on.
@@ -35,18 +44,14 @@ pub fn add(crc: u16, byte: u8) -> u16 {
 /// # Safety
 ///
 /// The bytes must be readable.
-#[inline(never)]
-pub unsafe fn of(seed: u16, mut bytes: *const u8, mut len: u16) -> u16 {
+#[inline(always)]
+pub unsafe fn of(seed: u16, bytes: *const u8, len: u16) -> u16 {
     let mut crc = seed;
-    loop {
-        // SAFETY: the caller guarantees that the bytes are readable.
-        unsafe {
-            crc = add(crc, *bytes);
-            bytes = bytes.add(1);
-        }
-        len -= 1;
-        if len == 0 {
-            return crc;
-        }
+    // SAFETY: the caller guarantees that the bytes are readable. The block changes only the
+    // registers that `crc_of` names.
+    unsafe {
+        asm!("rcall crc_of", inout("r25r24") crc, inout("Z") bytes => _, inout("X") len => _,
+            out("r18") _, out("r22") _);
     }
+    crc
 }

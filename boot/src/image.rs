@@ -37,8 +37,7 @@ pub fn is_valid() -> bool {
     let mut crc = CRC_START;
     let mut address = 0;
     loop {
-        crc = crc::add(crc, read_flash(address) as u8);
-        address += 1;
+        crc = crc::add(crc, read_next(&mut address));
         if address == length {
             return crc == 0;
         }
@@ -55,4 +54,16 @@ pub fn read_flash(address: u16) -> u16 {
             options(pure, readonly, nostack, preserves_flags));
     }
     word
+}
+
+/// Reads a byte of the flash, and moves the byte address to the next one.
+#[inline(always)]
+pub fn read_next(address: &mut u16) -> u8 {
+    let byte;
+    // SAFETY: as in `read_flash`.
+    unsafe {
+        asm!("lpm {0}, Z+", out(reg) byte, inout("Z") *address,
+            options(pure, readonly, nostack, preserves_flags));
+    }
+    byte
 }

@@ -32,9 +32,16 @@ const fn sid(id: Id) -> [u8; 2] {
     [first << 3 | second >> 5, second << 3 & 0xE0 | EXIDE | second & 3]
 }
 
-/// SIDH without the priority, and SIDL, of a service.
-const fn sid_of_service(service: u8) -> [u8; 2] {
-    sid(Id::request(0, service, 0, 0))
+/// The service in SIDH and SIDL: its lowest and its highest three bits as in SIDL, between which
+/// SIDL has room, beside EXIDE, for those of SIDH.
+const fn service(sidh: u8, sidl: u8) -> u8 {
+    sidl ^ (sidh & 7) << 2
+}
+
+/// What [`service`] is for this service.
+const fn with_id(id: u8) -> u8 {
+    let [sidh, sidl] = sid(Id::request(0, id, 0, 0));
+    service(sidh, sidl)
 }
 
 const SID_OF_STATUS: [u8; 2] = sid(Id::message(24, NODE_STATUS.id, 0));
@@ -147,9 +154,7 @@ fn take_frame() -> Option<Outgoing> {
     }
     // SAFETY: the index is less than 8.
     let tail = unsafe { *can::data().add(len.into()) };
-    let (sidh, sidl) = (FRAME_SIDH.read() & 7, FRAME_SIDL.read());
-    let is_service =
-        |service| sidh == sid_of_service(service)[0] && sidl == sid_of_service(service)[1];
+    let service = service(FRAME_SIDH.read(), FRAME_SIDL.read());
     let is_request = FRAME_EID8.read() & can::REQUEST != 0;
     let mut response = Outgoing {
         sidh: 0,
@@ -163,17 +168,20 @@ fn take_frame() -> Option<Outgoing> {
         seed: GET_NODE_INFO.seed,
     };
     let mut byte = 0;
-    if is_request && is_service(GET_NODE_INFO.id) {
+    if is_request && service == const { with_id(GET_NODE_INFO.id) } {
         response.buffer = information().cast();
         response.len = Information::LEN;
-    } else if is_request && is_service(RESTART_NODE.id) {
+    } else if is_request && service == const { with_id(RESTART_NODE.id) } {
         // SAFETY: the data is longer than the number.
         if unsafe { crc::of(CRC_START, can::data(), 5) } == CRC_OF_MAGIC {
             // On a full bus the response has to wait.
             start::set_watchdog(Timeout::Second);
             byte = WILL_RESTART;
         }
-    } else if is_request && update::is_active() && is_service(BEGIN_FIRMWARE_UPDATE.id) {
+    } else if is_request
+        && update::is_active()
+        && service == const { with_id(BEGIN_FIRMWARE_UPDATE.id) }
+    {
         if tail & Tail::END == 0 {
             return None;
         }
@@ -181,12 +189,13 @@ fn take_frame() -> Option<Outgoing> {
     } else {
         let source = FRAME_EID0.read() & NODE_ID_BITS;
         let seed = if update::is_active() {
-            if is_request || !is_service(FILE_READ.id) || !update::is_answer(tail) {
+            if is_request || service != const { with_id(FILE_READ.id) } || !update::is_answer(tail)
+            {
                 return None;
             }
             FILE_READ.seed
         } else {
-            if !is_request || !is_service(BEGIN_FIRMWARE_UPDATE.id) {
+            if !is_request || service != const { with_id(BEGIN_FIRMWARE_UPDATE.id) } {
                 return None;
             }
             if tail & Tail::START != 0 {

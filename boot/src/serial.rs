@@ -5,10 +5,12 @@
 //! A session begins with the reset that avrdude causes through DTR, and ends by the watchdog: a
 //! second after the last byte, or soon after the command to leave. All waits here end so, too.
 
+use core::arch::asm;
+
 use crate::registers::*;
 use crate::spm::PAGE_LEN;
 use crate::start::{Timeout, set_watchdog};
-use crate::variables::{received, received_byte, received_word};
+use crate::variables::{OFFSET, received, received_byte, received_word};
 use crate::{image, spm};
 
 /// Commands.
@@ -50,39 +52,38 @@ pub fn serve() -> ! {
     UCSR0A.write(U2X0);
     UCSR0B.write(RXEN0 | TXEN0);
     set_watchdog(Timeout::Second);
-    let mut address = 0;
     loop {
-        match receive() {
+        let mut command = receive();
+        take_parameters(match command {
             // Of the parameters only the versions are asked for.
-            command::GET_PARAMETER => {
-                take_parameters(1);
-                send(VERSION);
-            }
-            command::UNIVERSAL => {
-                take_parameters(4);
-                send(VERSION);
-            }
-            command::SET_DEVICE => take_parameters(20),
-            command::SET_DEVICE_EXT => take_parameters(5),
-            command::LOAD_ADDRESS => {
-                take_parameters(2);
-                // The address counts words.
-                address = received_word(0) << 1;
-            }
+            command::GET_PARAMETER => 1,
+            command::LOAD_ADDRESS => 2,
+            command::READ_PAGE => 3,
+            command::UNIVERSAL => 4,
+            command::SET_DEVICE_EXT => 5,
+            command::SET_DEVICE => 20,
+            // Length, most significant byte first, type of the memory, and the page.
+            command::PROG_PAGE => 3 + PAGE_LEN as u8,
+            _ => 0,
+        });
+        // Two chains of comparisons are shorter than the branches that the compiler makes of them.
+        // SAFETY: the block is empty.
+        unsafe { asm!("/* {0} */", inout(reg) command, options(nomem, nostack, preserves_flags)) };
+        match command {
+            command::GET_PARAMETER | command::UNIVERSAL => send(VERSION),
+            // The address counts words.
+            command::LOAD_ADDRESS => OFFSET.write(received_word(0) << 1),
             command::PROG_PAGE => {
-                // Length, most significant byte first, type of the memory, and the page.
-                take_parameters(3 + PAGE_LEN as u8);
                 if received_byte(2) == FLASH {
                     // SAFETY: the page follows the length and the type.
-                    unsafe { spm::write_page(address, received().add(3)) };
+                    unsafe { spm::write_page(OFFSET.read(), received().add(3)) };
                 }
             }
             command::READ_PAGE => {
-                take_parameters(3);
+                let mut address = OFFSET.read();
                 let mut left = received_byte(1);
                 loop {
-                    send(image::read_flash(address) as u8);
-                    address += 1;
+                    send(image::read_next(&mut address));
                     left -= 1;
                     if left == 0 {
                         break;
@@ -90,16 +91,12 @@ pub fn serve() -> ! {
                 }
             }
             command::READ_SIGN => {
-                take_parameters(0);
                 send(SIGNATURE[0]);
                 send(SIGNATURE[1]);
                 send(SIGNATURE[2]);
             }
-            command::LEAVE_PROGMODE => {
-                take_parameters(0);
-                set_watchdog(Timeout::Soon);
-            }
-            _ => take_parameters(0),
+            command::LEAVE_PROGMODE => set_watchdog(Timeout::Soon),
+            _ => {}
         }
         send(OK);
     }
@@ -143,6 +140,6 @@ fn send(byte: u8) {
 fn receive() -> u8 {
     while !UCSR0A.has(RXC0) {}
     // SAFETY: WDR changes no memory.
-    unsafe { core::arch::asm!("wdr", options(nomem, nostack, preserves_flags)) };
+    unsafe { asm!("wdr", options(nomem, nostack, preserves_flags)) };
     UDR0.read()
 }

@@ -228,17 +228,10 @@ pub fn request() -> *mut u8 {
 /// Clears all variables but what the program has left.
 #[inline(always)]
 pub fn clear() {
-    let mut byte = (&raw mut VARIABLES).cast::<u8>();
-    let mut left = BEFORE_REQUEST as u16;
-    loop {
-        // SAFETY: the loop writes the bytes before the request, and any value is valid.
-        unsafe {
-            byte.write_volatile(0);
-            byte = byte.add(1);
-        }
-        left -= 1;
-        if left == 0 {
-            break;
-        }
+    // SAFETY: the loop writes the bytes before the request, of which any value is valid.
+    unsafe {
+        asm!("2: st X+, r1", "sbiw {left}, 1", "brne 2b",
+            inout("X") (&raw mut VARIABLES).cast::<u8>() => _,
+            left = inout(reg_iw) BEFORE_REQUEST => _, options(nostack));
     }
 }
