@@ -5,6 +5,7 @@
 //! | --- | --- |
 //! | flash, [`HEADER`] | header of the program: its board, version and length |
 //! | flash, [`SOFTWARE_VERSION`] | its version for GetNodeInfo, and the application descriptor |
+//! | EEPROM, [`UNIQUE_ID`] | the unique ID |
 //! | EEPROM, [`BUS`] | node ID and bit rate, for a loader that starts without a program |
 //! | last bytes of the RAM, from [`REQUEST`] on | the update that the program asks for, and the count of watchdog restarts |
 //!
@@ -41,6 +42,16 @@ pub const IMAGE_CRC: usize = 8;
 pub const IMAGE_CRC_LEN: usize = 8;
 
 const _: () = assert!(DESCRIPTOR.is_multiple_of(8));
+
+/// Address in EEPROM of the unique ID, which the loader or the program makes at its first start.
+/// The first addresses are unused: a failing supply most likely corrupts them.
+pub const UNIQUE_ID: u8 = 0x04;
+/// Bytes of a unique ID (DSDL uavcan/protocol/HardwareVersion.uavcan).
+pub const UNIQUE_ID_LEN: u8 = 16;
+/// Length of its record: the ID, its CRC, and a marker of 0.
+pub const UNIQUE_ID_RECORD_LEN: u8 = UNIQUE_ID_LEN + 3;
+/// Initial value of the CRC of the unique ID, which makes a record of zeros invalid.
+pub const UNIQUE_ID_CRC_START: u16 = 0x0100;
 
 /// Address in EEPROM of the record of the bus: node ID; CNF3, CNF2 and CNF1 of the MCP2515 (the bit
 /// rate); CRC.

@@ -15,14 +15,15 @@
 //! | `serial.rs` | takes a program through the serial port |
 //! | `image.rs` | checks the program in flash |
 //! | `node_info.rs` | what the node says about itself |
+//! | `eeprom.rs` | unique ID, node ID and bit rate in EEPROM |
 //! | `transfer.rs` | frames to transfers, transfers to frames |
 //! | `can.rs` | the MCP2515 |
 //! | `variables.rs` | the RAM |
 //! | `on_host.rs` | what tests on the host have in place of the chip |
-//! | `spm.rs`, `eeprom.rs`, `clock.rs`, `registers.rs`, `crc.rs` | the chip, and the CRC |
+//! | `spm.rs`, `clock.rs`, `registers.rs`, `crc.rs` | the chip, and the CRC |
 //!
 //! The code is bent for size, with rustc of rust-toolchain.toml and the options of scripts/boot:
-//! `main` contains all functions but a few that call none or one. Loops end with `if left == 0 {
+//! `main` contains all functions but a few short ones. Loops end with `if left == 0 {
 //! break }` instead of `for`, which takes four bytes less. Variables of a byte are in I/O registers
 //! that have no other use. docs/decisions.md has what that is worth.
 

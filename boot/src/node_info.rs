@@ -6,6 +6,7 @@ use core::arch::asm;
 
 use firmware::handover::{
     BUS, BUS_LEN, CRC_START, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION, SOFTWARE_VERSION_LEN,
+    UNIQUE_ID,
 };
 use firmware::hardware::{CAN_CRYSTAL_HZ, HARDWARE_MAJOR, HARDWARE_MINOR};
 use firmware::tables::bit_rate::HIGHEST_RATE;
@@ -19,10 +20,6 @@ use crate::{crc, eeprom};
 pub const MODE: Register = idle::GPIOR0;
 pub const MAINTENANCE: u8 = 2 << 3;
 pub const SOFTWARE_UPDATE: u8 = 3 << 3;
-
-/// Address in EEPROM of the unique ID, which the program makes at its first start
-/// (src/node/store.rs).
-const UNIQUE_ID: u8 = 0x04;
 
 /// Node ID without a record in EEPROM.
 const DEFAULT_NODE_ID: u8 = 120;
@@ -92,16 +89,7 @@ pub fn set_up() {
     // SAFETY: the pointer is to a variable, so its fields are valid. The fields from the unique ID
     // on are as long as the image of the EEPROM.
     unsafe {
-        let mut to = (&raw mut (*information).unique_id).cast::<u8>();
-        let mut from = UNIQUE_ID;
-        loop {
-            to.write_volatile(eeprom::read(from));
-            to = to.add(1);
-            from += 1;
-            if from == BUS + BUS_LEN {
-                break;
-            }
-        }
+        eeprom::read_records((&raw mut (*information).unique_id).cast());
         (&raw mut (*information).certificate_len).write(0);
         (&raw mut (*information).hardware_version).write([HARDWARE_MAJOR, HARDWARE_MINOR]);
         // The record ends the struct.
@@ -122,15 +110,8 @@ pub fn tick() -> u8 {
     // of the uptime, which does not wrap in 136 years.
     unsafe {
         let first = (&raw mut (*information()).uptime_s).cast::<u8>();
-        let mut byte = first;
-        loop {
-            let sum = byte.read_volatile().wrapping_add(1);
-            byte.write_volatile(sum);
-            byte = byte.add(1);
-            if sum != 0 {
-                break;
-            }
-        }
+        asm!("2: ld {byte}, X", "inc {byte}", "st X+, {byte}", "breq 2b",
+            inout("X") first => _, byte = out(reg) _, options(nostack));
         (&raw mut (*information()).mode).write_volatile(MODE.read());
         first.read_volatile()
     }

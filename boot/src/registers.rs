@@ -73,11 +73,7 @@ pub const CS12_CS10: u8 = 1 << 2 | 1 << 0;
 pub const OCR1AL: Register = Register(0x88);
 pub const OCR1AH: Register = Register(0x89);
 
-pub const EECR: Register = Register(0x3F);
-pub const EERE: u8 = 1 << 0;
 pub const EEDR: Register = Register(0x40);
-pub const EEARL: Register = Register(0x41);
-pub const EEARH: Register = Register(0x42);
 
 pub const SPCR: Register = Register(0x4C);
 pub const SPE: u8 = 1 << 6;
@@ -106,6 +102,8 @@ pub const PGWRT: u8 = 1 << 2;
 pub const PGERS: u8 = 1 << 1;
 pub const SELFPRGEN: u8 = 1 << 0;
 /// WDTCSR.
+pub const WDIF: u8 = 1 << 7;
+pub const WDIE: u8 = 1 << 6;
 pub const WDCE: u8 = 1 << 4;
 pub const WDE: u8 = 1 << 3;
 /// A timeout of a second.

@@ -16,7 +16,8 @@ fn a_board_without_a_program_waits_in_the_bootloader_and_answers_get_node_info()
     let info = bench.call(GET_NODE_INFO, &[]);
     assert_eq!(info.len(), 41, "a response without a name");
     assert_eq!(info[22..24], file()[HEADER..HEADER + 2], "the hardware version of the board");
-    assert_eq!(info[24..40], [0xFF; 16], "the unique ID that the program has not made yet");
+    let eeprom = bench.bench.board(0).avr().eeprom();
+    assert_eq!(info[24..40], eeprom[UNIQUE_ID], "the unique ID that it has made");
     assert_eq!(info[40], 0, "no certificate");
     assert_eq!(info[7..22], [0; 15], "nothing of a program");
 }

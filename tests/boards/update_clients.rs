@@ -1,5 +1,7 @@
 //! Firmware updates as the clients do them: what each sends, and by which rules it decides.
 
+use std::collections::HashSet;
+
 use crate::support::update_bench::*;
 
 /// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name
@@ -127,6 +129,101 @@ fn update_by_px4(bench: &mut UpdateBench, file: &[u8]) {
     assert_eq!(bench.begin_update(&name), OK);
     bench.run_ms(500);
     bench.wait_for_program(10_000);
+}
+
+/// The unique ID in a response of GetNodeInfo.
+fn unique_id(info: &[u8]) -> [u8; 16] {
+    info[24..40].try_into().unwrap()
+}
+
+/// PX4's card with a file, and the nodes that it knows by their unique IDs. It arms only while no
+/// update is due, and looks at each start of a node.
+struct Card {
+    name: String,
+    file: Vec<u8>,
+    due: HashSet<[u8; 16]>,
+}
+
+impl Card {
+    fn new(name: &str, file: Vec<u8>) -> Card {
+        Card { name: name.to_owned(), file, due: HashSet::new() }
+    }
+
+    /// Looks at a node that has started. Returns true if it asks the node to update itself.
+    fn look_at(&mut self, info: &[u8]) -> bool {
+        let descriptor = find_descriptor(&self.file).expect("a descriptor");
+        let is_due = name_of_file(info) == self.name && is_offered(&descriptor, info);
+        if is_due {
+            self.due.insert(unique_id(info));
+        } else {
+            self.due.remove(&unique_id(info));
+        }
+        is_due
+    }
+}
+
+/// Updates a board whose loader waits, as PX4 does, and returns the unique ID that both told.
+#[track_caller]
+fn update_of_one_node(bench: &mut UpdateBench) -> [u8; 16] {
+    let info = bench.call(GET_NODE_INFO, &[]);
+    let mut card = Card::new(&name_of_file(&info), file());
+    assert!(card.look_at(&info));
+    update_by_px4(bench, &file());
+    let after = bench.call(GET_NODE_INFO, &[]);
+    assert_eq!(unique_id(&after), unique_id(&info), "the program and the loader are one node");
+    assert!(!card.look_at(&after));
+    assert!(card.due.is_empty(), "PX4 would not arm: {:02X?}", card.due);
+    unique_id(&after)
+}
+
+/// A board that has nothing but the loader told FF..FF, and its program another unique ID: PX4
+/// counted the update of FF..FF as due until it was restarted.
+#[test]
+fn a_new_board_is_one_node_before_and_after_its_first_update() {
+    let mut bench = UpdateBench::empty();
+    let made = update_of_one_node(&mut bench);
+    assert!(made != [0xFF; 16] && made != [0; 16], "{made:02X?}");
+    bench.wait_in_the_bootloader();
+    assert_eq!(unique_id(&bench.call(GET_NODE_INFO, &[])), made, "it is kept");
+}
+
+/// A cut at each time of a first start: the loader makes the ID again.
+#[test]
+fn a_new_board_whose_power_is_cut_at_its_first_start_is_one_node() {
+    let whole = UpdateBench::empty().bench.board(0).avr().eeprom();
+    for cut_ms in [0, 30, 70, 600, 1030, 1090, 1140, 1155, FIRST_START_MS] {
+        let mut bench = UpdateBench::powered_up(Options::default());
+        bench.bench.run_for_ms(cut_ms);
+        let cut = bench.bench.board(0).avr().eeprom();
+        assert_eq!(cut[..0x17] == whole[..0x17], cut_ms == FIRST_START_MS, "{cut_ms} ms");
+        bench.cut_power();
+        bench.run_ms(FIRST_START_MS + 1000);
+        update_of_one_node(&mut bench);
+    }
+}
+
+/// One changed bit in the record: the loader makes an ID, which the program keeps.
+#[test]
+fn a_board_whose_unique_id_is_damaged_is_one_node() {
+    let whole = UpdateBench::empty().bench.board(0).avr().eeprom();
+    for (at, bit) in [(0x04, 1), (0x09, 0x80), (0x13, 0x10), (0x14, 1), (0x15, 0x80), (0x16, 1)] {
+        let mut eeprom = whole.clone();
+        eeprom[at] ^= bit;
+        let mut bench = UpdateBench::with(&[], &eeprom, board().fastest_bit_rate());
+        bench.run_ms(FIRST_START_MS + 1000);
+        println!("{at:02X}");
+        update_of_one_node(&mut bench);
+    }
+}
+
+/// The program makes an ID if it starts before the loader ever waits.
+#[test]
+fn the_loader_tells_the_unique_id_that_a_program_has_made() {
+    let mut bench = UpdateBench::with_new_program();
+    bench.wait_for_program(3000);
+    let made = unique_id(&bench.call(GET_NODE_INFO, &[]));
+    bench.wait_in_the_bootloader();
+    assert_eq!(unique_id(&bench.call(GET_NODE_INFO, &[])), made);
 }
 
 /// ArduPilot's CRC-32: it begins with 0 and inverts nothing.

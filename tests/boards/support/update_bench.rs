@@ -5,6 +5,7 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::ops::Range;
 use std::rc::Rc;
 
 use bench::avr::{Avr, Firmware, ResetCause};
@@ -38,8 +39,13 @@ pub const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
 /// Address of the header in a program: hardware major, minor, software major, minor, length.
 pub const HEADER: usize = 0x68;
+/// Addresses of the unique ID in the EEPROM, and of what follows: its CRC, and a marker.
+pub const UNIQUE_ID: Range<usize> = 0x04..0x14;
 /// Address of node ID and bit rate in the EEPROM.
 pub const BUS: usize = 0x18;
+
+/// The bootloader needs so many milliseconds to make a unique ID.
+pub const FIRST_START_MS: u64 = 1500;
 
 fn seed(service: u8) -> u16 {
     crc::seed(match service {
@@ -108,6 +114,12 @@ impl Default for Options<'_> {
     }
 }
 
+/// Time until the bootloader is on the bus, with this EEPROM.
+fn start_ms(eeprom: &[u8]) -> u64 {
+    let has_unique_id = eeprom.get(UNIQUE_ID.start).is_some_and(|&byte| byte != 0xFF);
+    if has_unique_id { 20 } else { FIRST_START_MS }
+}
+
 pub struct UpdateBench {
     pub bench: Bench,
     peer: Rc<RefCell<SoftNode>>,
@@ -145,8 +157,22 @@ impl UpdateBench {
         UpdateBench::with_options(Options { flash, eeprom, bit_rate, ..Options::default() })
     }
 
-    /// A board with the bootloader, powered up now.
+    /// A board with the firmware, which has never started.
+    pub fn with_new_program() -> UpdateBench {
+        let firmware = Firmware::read(&elf()).unwrap_or_else(|error| panic!("{error:#}"));
+        UpdateBench::with(&firmware.flash, &[], board().fastest_bit_rate())
+    }
+
+    /// A board with the bootloader, which is on the bus.
     pub fn with_options(options: Options) -> UpdateBench {
+        let start_ms = start_ms(options.eeprom);
+        let mut bench = UpdateBench::powered_up(options);
+        bench.run_ms(start_ms);
+        bench
+    }
+
+    /// A board with the bootloader, powered up now.
+    pub fn powered_up(options: Options) -> UpdateBench {
         let Options { flash, eeprom, bit_rate, server_sends_status } = options;
         let loader = bootloader(&board())
             .and_then(|hex| Firmware::read_hex(&hex))
@@ -171,7 +197,7 @@ impl UpdateBench {
         bench.attach("other", other.clone());
         let server =
             Server { files: BTreeMap::from([("fw.bin".to_owned(), file())]), ..Server::default() };
-        let mut bench = UpdateBench {
+        UpdateBench {
             bench,
             peer,
             server,
@@ -181,12 +207,9 @@ impl UpdateBench {
             node: NODE,
             fill_bus_percent: 0,
             other,
-            status_at: if server_sends_status { 10 * MS } else { u64::MAX },
+            status_at: if server_sends_status { (start_ms(eeprom) - 10) * MS } else { u64::MAX },
             status_transfer_id: TransferId::default(),
-        };
-        // Waits until the bootloader is on the bus.
-        bench.run_ms(20);
-        bench
+        }
     }
 
     /// A board with the bootloader, whose EEPROM has node ID 42 and 125 kbit/s.

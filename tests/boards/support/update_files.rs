@@ -5,11 +5,16 @@ use std::path::PathBuf;
 use bench::avr::Chip;
 use bench::{firmware, node_elf};
 
-use super::update_bench::{BUS, HEADER, board};
+use super::update_bench::{BUS, HEADER, UNIQUE_ID, board};
 
 /// CRC-16-CCITT-FALSE.
 pub fn crc(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xFFFF, |crc, byte| {
+    crc_from(0xFFFF, bytes)
+}
+
+/// The same, from this value on.
+fn crc_from(start: u16, bytes: &[u8]) -> u16 {
+    bytes.iter().fold(start, |crc, byte| {
         let crc = crc ^ u16::from(*byte) << 8;
         (0..8).fold(crc, |crc, _| crc << 1 ^ if crc & 0x8000 != 0 { 0x1021 } else { 0 })
     })
@@ -44,9 +49,13 @@ pub fn with_crc(mut file: Vec<u8>) -> Vec<u8> {
     file
 }
 
-/// An EEPROM with node ID 42 and 125 kbit/s for the bootloader.
+/// An EEPROM with a unique ID, and with node ID 42 and 125 kbit/s for the bootloader.
 pub fn eeprom_with_bus_record() -> [u8; 0x20] {
     let mut eeprom = [0xFF; 0x20];
+    let id = [0xA5; 16];
+    eeprom[UNIQUE_ID].copy_from_slice(&id);
+    eeprom[UNIQUE_ID.end..][..2].copy_from_slice(&crc_from(0x0100, &id).to_be_bytes());
+    eeprom[UNIQUE_ID.end + 2] = 0;
     // CNF3, CNF2 and CNF1: 16 or 8 quanta of 2 x (BRP + 1) / F_OSC, with the sample point at
     // 87.5 %.
     let brp = if board().crystal_hz() == 16_000_000 { 3 } else { 1 };
