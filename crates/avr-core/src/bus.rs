@@ -87,6 +87,12 @@ pub trait Bus {
     /// BREAK: nothing happens without a debugger.
     fn break_point(&mut self, _clock: &mut Clock) {}
 
+    /// The stack is below its mark, and `sp` is the new mark: see
+    /// [`Core::set_stack_mark`](crate::Core::set_stack_mark). `is_set_by_hand` if SPH was written
+    /// after SPL. Programs with several stacks do so; compilers, which make room for local
+    /// variables, write SPH first.
+    fn stack_below_mark(&mut self, _sp: u16, _is_set_by_hand: bool, _clock: &mut Clock) {}
+
     /// Byte address of the vector table: 0, or the start of the boot section if IVSEL is set.
     fn vector_table(&self) -> u32 {
         0

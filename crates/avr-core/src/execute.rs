@@ -85,11 +85,21 @@ impl Core {
         let table = (bus.vector_table() / 2) as u16;
         let mut run = Run::new(self, bus);
         run.push_pc::<false>();
+        run.check_stack::<false>();
         run.set_pc(table.wrapping_add(u16::from(vector) * VECTOR_WORDS));
         run.keep();
         self.sreg &= !I;
         self.clock.now += ENTRY_CYCLES;
         true
+    }
+
+    /// Tells the bus if the stack is below its mark, after what can lower it: not between the
+    /// writes of SPH and SPL, when the stack pointer is neither the old nor the new one.
+    fn check_stack<B: Bus>(&mut self, bus: &mut B) {
+        if self.sp < self.mark {
+            self.set_stack_mark(self.sp);
+            bus.stack_below_mark(self.sp, self.is_sp_set_by_hand, &mut self.clock);
+        }
     }
 
     #[inline(never)]
@@ -106,8 +116,15 @@ impl Core {
     fn store_outside_ram<B: Bus>(&mut self, bus: &mut B, address: u16, value: u8) {
         match address {
             ..IO_START => self.registers[usize::from(address)] = value,
-            SPL => self.sp = self.sp & 0xFF00 | u16::from(value),
-            SPH => self.sp = self.sp & 0x00FF | u16::from(value) << 8,
+            SPL => {
+                self.sp = self.sp & 0xFF00 | u16::from(value);
+                self.is_sp_set_by_hand = false;
+                self.check_stack(bus);
+            }
+            SPH => {
+                self.sp = self.sp & 0x00FF | u16::from(value) << 8;
+                self.is_sp_set_by_hand = true;
+            }
             _ => bus.write(address, value, &mut self.clock),
         }
     }
@@ -115,6 +132,13 @@ impl Core {
     #[inline(always)]
     fn is_ram(&self, address: u16) -> bool {
         address.wrapping_sub(RAM_START) < self.ram_bytes
+    }
+
+    /// True if so many bytes can be pushed in the SRAM without passing the mark.
+    #[inline(always)]
+    fn has_stack_for(&self, bytes: u16) -> bool {
+        let above = self.sp.wrapping_sub(self.stack_floor);
+        above < self.stack_room && above >= bytes - 1
     }
 
     /// Makes one instruction come before any interrupt.
@@ -274,6 +298,14 @@ impl<'a, B: Bus> Run<'a, B> {
         self.core.sp = self.core.sp.wrapping_sub(1);
     }
 
+    /// Checks the stack after a push; inside, it is known to be above the mark.
+    #[inline(always)]
+    fn check_stack<const INSIDE: bool>(&mut self) {
+        if !INSIDE && self.core.sp < self.core.mark {
+            self.outside(Core::check_stack);
+        }
+    }
+
     #[inline(always)]
     fn pop<const INSIDE: bool>(&mut self) -> u8 {
         self.core.sp = self.core.sp.wrapping_add(1);
@@ -377,6 +409,15 @@ impl<'a, B: Bus> Run<'a, B> {
         macro_rules! need_ram {
             ($($address:expr),*) => {
                 if INSIDE && !($(self.core.is_ram($address))&&*) {
+                    self.pc = at;
+                    return Ok(false);
+                }
+            };
+        }
+        // The same of an instruction that pushes so many bytes, unless they are above the mark.
+        macro_rules! need_stack {
+            ($bytes:expr) => {
+                if INSIDE && !self.core.has_stack_for($bytes) {
                     self.pc = at;
                     return Ok(false);
                 }
@@ -522,21 +563,24 @@ impl<'a, B: Bus> Run<'a, B> {
                 more = 1;
             }
             Op::Rcall => {
-                need_ram!(self.core.sp, self.core.sp.wrapping_sub(1));
+                need_stack!(2);
                 self.push_pc::<INSIDE>();
+                self.check_stack::<INSIDE>();
                 self.jump_by(b);
                 more = 2;
             }
             Op::Call => {
-                need_ram!(self.core.sp, self.core.sp.wrapping_sub(1));
+                need_stack!(2);
                 self.pc = self.pc.wrapping_add(1);
                 self.push_pc::<INSIDE>();
+                self.check_stack::<INSIDE>();
                 self.set_pc(b);
                 more = 3;
             }
             Op::Icall => {
-                need_ram!(self.core.sp, self.core.sp.wrapping_sub(1));
+                need_stack!(2);
                 self.push_pc::<INSIDE>();
+                self.check_stack::<INSIDE>();
                 self.set_pc(self.pair(POINTER_Z));
                 more = 2;
             }
@@ -553,8 +597,9 @@ impl<'a, B: Bus> Run<'a, B> {
                 more = 3;
             }
             Op::Push => {
-                need_ram!(self.core.sp);
+                need_stack!(1);
                 self.push::<INSIDE>(self.get(a));
+                self.check_stack::<INSIDE>();
                 more = 1;
             }
             Op::Pop => {

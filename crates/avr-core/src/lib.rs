@@ -104,6 +104,14 @@ pub struct Core {
     chip: Chip,
     pc_mask: u16,
     ram_bytes: u16,
+    /// The stack pointer below which the bus is called.
+    mark: u16,
+    /// The lowest byte of the SRAM that can be pushed without passing the mark.
+    stack_floor: u16,
+    /// Bytes of the SRAM from there on.
+    stack_room: u16,
+    /// True if SPH was written after SPL.
+    is_sp_set_by_hand: bool,
     is_asleep: bool,
     /// One instruction is executed before interrupts, after SEI and RETI.
     holds_interrupts: bool,
@@ -124,6 +132,10 @@ impl Core {
             chip,
             pc_mask: (chip.flash_bytes() / 2 - 1) as u16,
             ram_bytes: chip.ram_end() - RAM_START + 1,
+            mark: chip.ram_end(),
+            stack_floor: chip.ram_end() + 1,
+            stack_room: 0,
+            is_sp_set_by_hand: false,
             is_asleep: false,
             holds_interrupts: false,
             table: [decode(0xFFFF, 0xFFFF); TABLE],
@@ -137,6 +149,7 @@ impl Core {
     pub fn reset(&mut self, start: u32) {
         self.sreg = 0;
         self.sp = self.chip.ram_end();
+        self.is_sp_set_by_hand = false;
         self.is_asleep = false;
         self.holds_interrupts = false;
         self.set_pc(start);
@@ -155,6 +168,20 @@ impl Core {
     /// Sets the program counter to a byte address, which wraps at the end of the flash.
     pub fn set_pc(&mut self, address: u32) {
         self.clock.pc = (address / 2) & u32::from(self.pc_mask);
+    }
+
+    /// Sets the mark of the stack. When a push, a call, an interrupt or a write of SPL makes the
+    /// stack pointer lower, the core calls [`Bus::stack_below_mark`], and the mark is there. So a
+    /// mark that is set once is the lowest stack pointer so far. It costs no time above the mark.
+    pub fn set_stack_mark(&mut self, sp: u16) {
+        self.mark = sp;
+        self.stack_floor = sp.saturating_add(1).clamp(RAM_START, self.chip.ram_end() + 1);
+        self.stack_room = self.chip.ram_end() + 1 - self.stack_floor;
+    }
+
+    /// The mark of the stack, at first the end of the SRAM.
+    pub fn stack_mark(&self) -> u16 {
+        self.mark
     }
 
     /// True if the chip sleeps.

@@ -27,6 +27,8 @@ struct TestBus {
     /// A write causes this interrupt.
     causes: Option<u8>,
     reads: u32,
+    /// What the core has told of the stack: pointer, by hand, address of the instruction.
+    stack: Vec<(u16, bool, u32)>,
 }
 
 impl Bus for TestBus {
@@ -69,6 +71,10 @@ impl Bus for TestBus {
 
     fn break_point(&mut self, _clock: &mut Clock) {
         self.breaks += 1;
+    }
+
+    fn stack_below_mark(&mut self, sp: u16, is_set_by_hand: bool, clock: &mut Clock) {
+        self.stack.push((sp, is_set_by_hand, clock.instruction()));
     }
 
     fn vector_table(&self) -> u32 {
@@ -204,6 +210,37 @@ fn calls_push_the_low_byte_first() {
     assert_eq!(core.ram()[0x7FE..], [0x08, 0x02]);
     core.step(bus).expect("RET");
     assert_eq!((core.pc(), core.sp, core.clock.now), (0x1004, 0x08FF, 8));
+}
+
+/// Push, rcall, an interrupt, and room for variables: SPH, SREG, SPL, as compilers write them.
+#[test]
+fn a_stack_below_its_mark_is_told_once_for_each_depth() {
+    let program = [0x920F, 0x900F, 0x920F, 0xD000, 0x9478, 0, 0, 0xBFDE, 0xBE0F, 0xBFCD];
+    let mut core = core(&program);
+    (core.registers[28], core.registers[29]) = (0x80, 0x07);
+    let bus = &mut TestBus { pending: Some(0), table: 12, ..TestBus::default() };
+    core.run(bus, 19).expect("instructions");
+    assert_eq!(core.sp, 0x0780);
+    let expected =
+        [(0x08FE, false, 0), (0x08FC, false, 6), (0x08FA, false, 10), (0x0780, false, 18)];
+    assert_eq!(bus.stack, expected);
+    assert_eq!(core.stack_mark(), 0x0780);
+    // A higher mark is passed again, at the first byte below it.
+    core.sp = 0x0802;
+    core.set_stack_mark(0x0800);
+    core.write_flash(20, &[0x0F, 0x92].repeat(4));
+    core.run(bus, 27).expect("instructions");
+    assert_eq!(bus.stack[4..], [(0x07FF, false, 24), (0x07FE, false, 26)]);
+}
+
+#[test]
+fn a_stack_pointer_whose_high_byte_is_written_last_is_set_by_hand() {
+    // `out SPL, r28`, `out SPH, r29`, `push r0`.
+    let mut core = core(&[0xBFCD, 0xBFDE, 0x920F]);
+    (core.registers[28], core.registers[29]) = (0xFF, 0x03);
+    let bus = &mut TestBus::default();
+    core.run(bus, 4).expect("instructions");
+    assert_eq!(bus.stack, [(0x03FE, true, 4)]);
 }
 
 #[test]
