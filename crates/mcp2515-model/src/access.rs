@@ -37,6 +37,11 @@ impl Mcp2515 {
         }
     }
 
+    /// True if the driver has written to the register since power-up.
+    pub fn is_written(&self, address: u8) -> bool {
+        self.written >> (address & registers::ADDRESS_MASK) & 1 != 0
+    }
+
     pub(super) fn write(&mut self, address: u8, value: u8, at: Cycles) {
         self.write_bits(address, value, 0xFF, at);
     }
@@ -59,6 +64,7 @@ impl Mcp2515 {
 
     fn write_bits(&mut self, address: u8, value: u8, mask: u8, at: Cycles) {
         let index = usize::from(address);
+        self.written |= 1 << (address & registers::ADDRESS_MASK);
         match registers::kind(address) {
             Kind::Filter | Kind::ConfigOnly if self.mode != Mode::Configuration => {
                 self.reject(address, value, "writable only in configuration mode", "10.1", at);

@@ -86,6 +86,8 @@ pub struct Mcp2515 {
     /// The filter of the frame in RXB0. FILHIT0 may be that of a frame that rolled over.
     rxb0_filter: u8,
     rx_overflows: u32,
+    /// The registers that the driver has written, a bit each.
+    written: u128,
     /// The read-only bits of EFLG at the last check.
     error_flags: u8,
     violations: violation::Violations,
@@ -114,6 +116,7 @@ impl Mcp2515 {
             looped_level: Level::Recessive,
             rxb0_filter: 0,
             rx_overflows: 0,
+            written: 0,
             error_flags: 0,
             violations: violation::Violations::default(),
             log: receive::FrameLog::default(),

@@ -36,6 +36,8 @@ pub struct LoggedFrame {
     pub received_at: Cycles,
     /// The result.
     pub fate: Fate,
+    /// True if the other buffer was full at `received_at`, too.
+    pub other_is_full: bool,
 }
 
 /// How a frame left the chip.
@@ -51,7 +53,8 @@ pub enum Fate {
 #[derive(Debug, Default)]
 pub(super) struct FrameLog {
     closed: VecDeque<LoggedFrame>,
-    held: [Option<(Frame, Cycles)>; 2],
+    /// With [`LoggedFrame::other_is_full`].
+    held: [Option<(Frame, Cycles, bool)>; 2],
 }
 
 impl FrameLog {
@@ -66,8 +69,9 @@ impl FrameLog {
     }
 
     fn close(&mut self, buffer: usize, at: Cycles) {
-        if let Some((frame, received_at)) = self.held[buffer].take() {
-            self.push(LoggedFrame { frame, buffer, received_at, fate: Fate::Cleared(at) });
+        if let Some((frame, received_at, other_is_full)) = self.held[buffer].take() {
+            let fate = Fate::Cleared(at);
+            self.push(LoggedFrame { frame, buffer, received_at, fate, other_is_full });
         }
     }
 
@@ -118,7 +122,7 @@ impl Mcp2515 {
             let index = Self::rx_control(0);
             self.registers[index] = self.registers[index] & !rxctrl::FILHIT0 | filter;
         }
-        self.log.held[buffer] = Some((frame, at));
+        self.log.held[buffer] = Some((frame, at, self.is_rx_full(1 - buffer)));
         self.raise(int::RX0 << buffer);
     }
 
@@ -128,7 +132,9 @@ impl Mcp2515 {
         }
         self.registers[usize::from(registers::EFLG)] |= [eflg::RX0OVR, eflg::RX1OVR][buffer];
         self.raise(int::ERR);
-        self.log.push(LoggedFrame { frame, buffer, received_at: at, fate: Fate::Lost });
+        let other_is_full = self.is_rx_full(1 - buffer);
+        let fate = Fate::Lost;
+        self.log.push(LoggedFrame { frame, buffer, received_at: at, fate, other_is_full });
     }
 
     /// Writes the frame into the registers of a buffer.
