@@ -45,6 +45,10 @@ pub fn assumptions<'a>(
         &mut assumed.spm.iter().copied(),
     );
     add("BREAK does nothing: there is no debugger", &mut assumed.breaks.iter().copied());
+    add(
+        "a virtual call leads to a function of one of the program's tables of virtual functions",
+        &mut assumed.virtual_calls.iter().copied(),
+    );
     for at in &assumed.indirect {
         let function = program.function_name(*at);
         let named = analysis.annotations.indirect.iter().find(|entry| entry.function == function);

@@ -38,6 +38,7 @@ pub mod summary;
 pub mod text;
 pub mod times;
 pub mod value;
+pub mod virtuals;
 mod wait;
 pub mod whole;
 mod wide;

@@ -11,6 +11,8 @@ use object::read::elf::{FileHeader, ProgramHeader, Sym};
 use crate::chip::{Chip, INTERRUPTS, vector};
 use crate::opcode::Op;
 
+/// How the symbols of the tables of virtual functions begin.
+const VIRTUAL_TABLE: &str = "_ZTV";
 /// Virtual addresses of the data space begin here in an AVR ELF.
 const DATA_SPACE: u32 = 0x80_0000;
 
@@ -49,6 +51,8 @@ pub struct Program {
     code: BTreeMap<u32, Symbol>,
     /// Every symbol with its value, for addresses of the data space and the linker's constants.
     values: BTreeMap<String, u32>,
+    /// The tables of virtual functions.
+    tables: Vec<Vec<u16>>,
     /// Where execution begins: 0, or the address of the boot section.
     pub entry: u32,
     /// The chip, which has the table of vectors.
@@ -71,6 +75,8 @@ impl Program {
         let endian = header.endian().context("not little-endian")?;
         ensure!(header.e_machine(endian) == EM_AVR, "not for an AVR");
         let mut flash = Vec::new();
+        // Where the initial values of variables are: addresses of the variables and of the flash.
+        let mut initial = Vec::new();
         for segment in header.program_headers(endian, bytes).context("no segments")? {
             let from = segment.p_paddr(endian) as usize;
             if segment.p_type(endian) != PT_LOAD || segment.p_filesz(endian) == 0 {
@@ -82,6 +88,7 @@ impl Program {
             }
             let data = segment.data(endian, bytes).ok().context("a segment outside the file")?;
             let end = from + data.len();
+            initial.push((segment.p_vaddr(endian), from as u32, data.len() as u32));
             ensure!(end <= chip.flash_bytes() as usize, "code up to {end:#x}, behind the flash");
             flash.resize(flash.len().max(end), None);
             for (byte, known) in flash[from..end].iter_mut().zip(data) {
@@ -93,6 +100,7 @@ impl Program {
             flash,
             code: BTreeMap::new(),
             values: BTreeMap::new(),
+            tables: Vec::new(),
             entry: header.e_entry(endian) & 0x1FFFF,
             chip,
         };
@@ -102,6 +110,10 @@ impl Program {
         for symbol in symbols.iter() {
             let name = symbols.symbol_name(endian, symbol).unwrap_or_default();
             let Ok(name) = std::str::from_utf8(name) else { continue };
+            if name.starts_with(VIRTUAL_TABLE) {
+                let (value, size) = (symbol.st_value(endian), symbol.st_size(endian));
+                program.add_table(&initial, value, size);
+            }
             if !name.is_empty() {
                 let is_data = symbol.st_type() == STT_OBJECT;
                 // Handlers in assembler often have no type.
@@ -121,11 +133,26 @@ impl Program {
     pub fn from_flash(flash: Vec<u8>, functions: &[(&str, u32)], chip: Chip) -> Self {
         let (code, values) = (BTreeMap::new(), BTreeMap::new());
         let flash = flash.into_iter().map(Some).collect();
-        let mut program = Self { flash, code, values, entry: 0, chip };
+        let mut program = Self { flash, code, values, tables: Vec::new(), entry: 0, chip };
         for (name, address) in functions {
             program.add(name, *address, true, false);
         }
         program
+    }
+
+    /// Adds a table of virtual functions, whose contents are in flash.
+    fn add_table(&mut self, initial: &[(u32, u32, u32)], value: u32, size: u32) {
+        let inside = |(at, _, bytes): &&(u32, u32, u32)| (*at..at + bytes).contains(&value);
+        let Some((at, flash, _)) = initial.iter().find(inside) else { return };
+        let first = flash + (value - at);
+        let words = (first..first + size).step_by(2).map_while(|at| self.word(at));
+        let table = words.collect();
+        self.tables.push(table);
+    }
+
+    /// The tables of virtual functions: an offset, a type, and word addresses of functions.
+    pub fn virtual_tables(&self) -> &[Vec<u16>] {
+        &self.tables
     }
 
     fn add(&mut self, name: &str, value: u32, is_function: bool, is_data: bool) {

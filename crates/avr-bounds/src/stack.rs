@@ -20,6 +20,7 @@ use crate::state::State;
 use crate::step::{Flow, Written, is_table_jump, step};
 use crate::summary::{Entry, Exit, Kind, Summary};
 use crate::value::Value;
+use crate::virtuals;
 use crate::whole::{Vector, reset};
 
 /// Joins before which ranges grow as far as they go.
@@ -60,6 +61,8 @@ pub struct Assumed {
     pub breaks: BTreeSet<u32>,
     /// Indirect calls and jumps with an annotation.
     pub indirect: BTreeSet<u32>,
+    /// Calls of virtual functions.
+    pub virtual_calls: BTreeSet<u32>,
 }
 
 /// A function whose paths are followed.
@@ -194,13 +197,14 @@ impl<'a> Analysis<'a> {
                 Flow::To(to) => self.jump(walk, at, to, step.state, instruction.next())?,
                 Flow::Call(target, back) => self.call(walk, at, &[target], back, step.state)?,
                 Flow::CallAnywhere(back) => {
-                    self.assumed.indirect.insert(at);
                     let targets = self.targets(at, "call")?;
+                    self.assume_targets(at);
                     self.call(walk, at, &targets, back, step.state)?;
                 }
                 Flow::JumpAnywhere => {
-                    self.assumed.indirect.insert(at);
-                    for target in self.targets(at, "jump")? {
+                    let targets = self.targets(at, "jump")?;
+                    self.assume_targets(at);
+                    for target in targets {
                         self.jump(walk, at, target, step.state.clone(), instruction.next())?;
                     }
                 }
@@ -246,15 +250,26 @@ impl<'a> Analysis<'a> {
         Ok(())
     }
 
-    /// The targets of an indirect call or jump, from the annotations.
+    /// The targets of an indirect call or jump: from the annotations, or of a virtual call.
     pub(crate) fn targets(&self, at: u32, what: &str) -> Result<Vec<u32>> {
         let function = self.program.function_name(at);
-        self.annotations.targets(self.program, &function)?.with_context(|| {
+        let named = self.annotations.targets(self.program, &function)?;
+        named.or_else(|| virtuals::targets(self.program, &self.leaders, at)).with_context(|| {
             format!(
                 "an indirect {what} whose targets are not known: name them in an [[indirect]] of \
-                 {function} in a file for --annotations"
+                 {function} in a file for --annotations:\n\n[[indirect]]\nfunction = \
+                 \"{function}\"\ntargets = [\"each function that it may {what}\"]\nreason = \
+                 \"why these are all\"\n"
             )
         })
+    }
+
+    /// Notes what is assumed of the targets of an indirect call or jump.
+    fn assume_targets(&mut self, at: u32) {
+        let function = self.program.function_name(at);
+        let is_named = self.annotations.indirect.iter().any(|entry| entry.function == function);
+        let assumed = &mut self.assumed;
+        if is_named { &mut assumed.indirect } else { &mut assumed.virtual_calls }.insert(at);
     }
 
     fn jump(&mut self, walk: &mut Walk, at: u32, to: u32, state: State, next: u32) -> Result<()> {

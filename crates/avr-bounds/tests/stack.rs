@@ -1,6 +1,8 @@
 //! The stack of small programs, and programs that are refused, each with the place.
 
-use crate::support::{NO_HANDLER, SET_SP, assembled, compiled, refusal, stack, stack_with};
+use crate::support::{
+    NO_HANDLER, SET_SP, assembled, build, compiled, read, refusal, stack, stack_with,
+};
 
 fn program(text: &str) -> avr_bounds::program::Program {
     assembled("stack", &format!("{SET_SP}\n{text}\n{NO_HANDLER}"))
@@ -292,4 +294,62 @@ fn the_jump_table_of_a_switch_is_followed() {
     let stack = stack(&program).unwrap();
     let names: Vec<&str> = stack.frames.iter().map(|frame| frame.function.as_str()).collect();
     assert!(names.starts_with(&["start", "main", "deep", "__udivmodsi4"]), "{names:?}");
+}
+
+/// Two classes with a base. Which of them an object has, only the RAM tells.
+const CLASSES: &str = r#"
+    struct Sink {
+        virtual char first(char c) = 0;
+        virtual char put(char c) = 0;
+    };
+    struct Shallow : Sink {
+        char first(char c) { return c; }
+        char put(char c) { return c + 1; }
+    };
+    struct Deep : Sink {
+        char first(char c) { volatile char big[99]; big[0] = c; return big[0]; }
+        char put(char c) { volatile char big[30]; big[0] = c; return big[0]; }
+    };
+    Shallow shallow;
+    Deep deep;
+    Sink *volatile sink = &shallow;
+    volatile char is_deep, result;
+    extern "C" void __cxa_pure_virtual() { for (;;) { } }
+    int main() {
+        if (is_deep) sink = &deep;
+        Sink *chosen = sink;
+        for (;;) result = chosen->put(result) + 1;
+    }
+"#;
+
+const CPP: [&str; 3] = ["-Os", "-fno-rtti", "-fno-exceptions"];
+
+#[test]
+fn a_virtual_call_leads_to_the_same_place_of_each_table() {
+    let program = read(&build("virtual", "cpp", CLASSES, &CPP));
+    let stack = stack(&program).unwrap();
+    let deepest = stack.frames.last().unwrap();
+    assert_eq!(deepest.function, "_ZN4Deep3putEc");
+    assert!((30..40).contains(&deepest.bytes), "not that of `first`: {deepest:?}");
+}
+
+/// The same instructions, but no table has a symbol.
+#[test]
+fn a_call_through_a_table_that_is_not_one_of_virtual_functions_is_refused_with_an_annotation() {
+    let text = "
+        struct table { char (*first)(char); char (*put)(char); };
+        struct object { const struct table *table; };
+        static char id(char c) { return c; }
+        const struct table table = { id, id };
+        struct object object = { &table };
+        struct object *volatile chosen = &object;
+        volatile char result;
+        int main(void) { for (;;) result = chosen->table->put(result) + 1; }";
+    let program = compiled("table", text, "-Os");
+    let refused = refusal(stack(&program));
+    assert!(refused.contains("an indirect call whose targets are not known"), "{refused}");
+    let at = refused.find("[[indirect]]\nfunction = \"main\"\ntargets = [").expect("an annotation");
+    let pasted = refused[at..].replace("each function that it may call", "id");
+    let stack = stack_with(&program, &pasted).unwrap();
+    assert_eq!(stack.frames.last().unwrap().function, "id");
 }
