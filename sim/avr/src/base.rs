@@ -10,6 +10,7 @@ use anyhow::Result;
 use super::chip::Chip;
 use super::core::{Core, Engine};
 use super::processor::Violation;
+use super::regs;
 use super::unmodelled::Unmodelled;
 use sim_base::Cycles;
 use sim_base::Noise;
@@ -219,6 +220,11 @@ impl Base {
     /// Simulated time at which simavr's clock is `cycle`.
     pub fn time_of(&self, cycle: u64) -> Cycles {
         self.last_reset.get() + cycle
+    }
+
+    /// Stack pointer.
+    pub fn sp(&self) -> u16 {
+        u16::from_le_bytes([self.core.get(regs::SPL), self.core.get(regs::SPH)])
     }
 
     /// Sets simavr's clock to 0, as a reset does. Simulated time does not change.

@@ -9,11 +9,12 @@
 
 use std::collections::HashMap;
 use std::io;
+use std::ops::Range;
 use std::path::Path;
 
 use anyhow::{Context, Result, bail, ensure};
 use object::LittleEndian;
-use object::elf::{EM_AVR, FileHeader32, PT_LOAD};
+use object::elf::{EM_AVR, FileHeader32, PT_LOAD, STT_FUNC, STT_OBJECT};
 use object::read::elf::{FileHeader, ProgramHeader, SectionHeader, Sym};
 
 use super::chip::Chip;
@@ -46,6 +47,61 @@ pub struct Symbol {
     pub size: u32,
 }
 
+/// The names of the functions or of the variables of a program, by address.
+#[derive(Debug, Clone, Default)]
+pub struct Names(Vec<(Range<u32>, String)>);
+
+impl Names {
+    fn add(&mut self, address: u32, size: u32, name: &str) {
+        self.0.push((address..address.saturating_add(size), plain_name(name)));
+    }
+
+    fn sort(&mut self) {
+        self.0.sort_by_key(|(range, _)| (range.start, range.end));
+    }
+
+    /// The name of what begins at or before an address.
+    pub fn at(&self, address: u32) -> Option<&str> {
+        let behind = self.0.partition_point(|(range, _)| range.start <= address);
+        self.0[..behind].last().map(|(_, name)| name.as_str())
+    }
+
+    /// The names of what has a byte in `range`, the one with the most bytes there first.
+    pub fn within(&self, range: Range<u32>) -> Vec<&str> {
+        let bytes =
+            |own: &Range<u32>| own.end.min(range.end).saturating_sub(own.start.max(range.start));
+        let mut found: Vec<_> = self.0.iter().filter(|(own, _)| bytes(own) > 0).collect();
+        found.sort_by_key(|(own, _)| std::cmp::Reverse(bytes(own)));
+        found.into_iter().map(|(_, name)| name.as_str()).collect()
+    }
+}
+
+/// The name in the source, without arguments, of a name as C++ and Rust mangle it: `depth` of
+/// `_Z5depthi`, `Print::write` of `_ZN5Print5writeEPKc`. Others stay as they are.
+fn plain_name(mangled: &str) -> String {
+    let Some(rest) = mangled.strip_prefix("_Z") else { return mangled.to_owned() };
+    let (mut rest, is_nested) = match rest.strip_prefix('N') {
+        Some(rest) => (rest.trim_start_matches(['K', 'V']), true),
+        None => (rest.trim_start_matches('L'), false),
+    };
+    let mut parts = Vec::new();
+    while let Some((length, behind)) = rest
+        .find(|c: char| !c.is_ascii_digit())
+        .and_then(|digits| Some((rest[..digits].parse::<usize>().ok()?, &rest[digits..])))
+    {
+        let Some((part, behind)) = behind.split_at_checked(length) else { break };
+        parts.push(part);
+        rest = behind;
+        if !is_nested {
+            break;
+        }
+    }
+    // Rust adds a hash.
+    let is_hash = |part: &&str| part.len() == 17 && part.starts_with('h');
+    parts.pop_if(|part| is_hash(&&**part));
+    if parts.is_empty() { mangled.to_owned() } else { parts.join("::") }
+}
+
 /// A program for a chip.
 #[derive(Debug, Default)]
 pub struct Firmware {
@@ -57,8 +113,14 @@ pub struct Firmware {
     pub symbols: HashMap<String, Symbol>,
     /// The device in the linker's note, such as "atmega328p".
     pub device: Option<String>,
+    /// Functions by address.
+    pub functions: Names,
+    /// Variables by address.
+    pub variables: Names,
     /// Bytes of RAM for variables.
     pub statics: u32,
+    /// True if the file says how many they are: a HEX file does not.
+    pub has_statics: bool,
     /// The section `.board` of programs of this project: lines `key=value`. The line "mcu" names
     /// the chip.
     pub board: Option<Vec<u8>>,
@@ -99,7 +161,7 @@ impl Firmware {
             header.e_machine(endian) == EM_AVR,
             "the ELF is for another processor than the AVR"
         );
-        let mut firmware = Firmware::default();
+        let mut firmware = Firmware { has_statics: true, ..Firmware::default() };
         for segment in header.program_headers(endian, bytes)? {
             if segment.p_type(endian) != PT_LOAD {
                 continue;
@@ -129,14 +191,23 @@ impl Firmware {
         let symbols = sections.symbols(endian, bytes, object::elf::SHT_SYMTAB)?;
         for symbol in symbols.iter() {
             let name = symbol.name(endian, symbols.strings()).unwrap_or_default();
-            if !name.is_empty() {
-                let found = Symbol {
-                    address: local_address(symbol.st_value(endian)),
-                    size: symbol.st_size(endian),
-                };
-                firmware.symbols.insert(String::from_utf8_lossy(name).into_owned(), found);
+            if name.is_empty() {
+                continue;
             }
+            let name = String::from_utf8_lossy(name);
+            let (value, size) = (symbol.st_value(endian), symbol.st_size(endian));
+            let address = local_address(value);
+            match (symbol.st_type(), value) {
+                (STT_FUNC, 0..SRAM_OFFSET) => firmware.functions.add(address, size, &name),
+                (STT_OBJECT, SRAM_OFFSET..EEPROM_OFFSET) => {
+                    firmware.variables.add(address, size, &name);
+                }
+                _ => {}
+            }
+            firmware.symbols.insert(name.into_owned(), Symbol { address, size });
         }
+        firmware.functions.sort();
+        firmware.variables.sort();
         Ok(firmware)
     }
 
@@ -261,6 +332,22 @@ mod tests {
         header[20] = 1;
         let error = Firmware::parse(&header).unwrap_err();
         assert!(error.to_string().contains("another processor"), "{error:#}");
+    }
+
+    #[test]
+    fn a_mangled_name_is_shown_as_in_the_source() {
+        for (mangled, name) in [
+            ("_Z5depthi", "depth"),
+            ("_ZN5Print5writeEPKc", "Print::write"),
+            ("_ZNK6String6lengthEv", "String::length"),
+            ("_ZL7counter", "counter"),
+            ("_ZN4node4main17h0123456789abcdefE", "node::main"),
+            ("__vector_16", "__vector_16"),
+            ("_ZTV6Stream", "_ZTV6Stream"),
+            ("_Z99x", "_Z99x"),
+        ] {
+            assert_eq!(plain_name(mangled), name);
+        }
     }
 
     #[track_caller]

@@ -19,6 +19,7 @@
 //! ├─ sleep               which clocks stand in a sleep, and what ends it
 //! ├─ adc, pins           voltages and levels from outside
 //! ├─ unmodelled, starts  what a program uses that is not modelled; its starts without a reset
+//! ├─ stack               how deep the stack is, and whether it runs into variables
 //! └─ debug, trace        for debuggers and profilers
 //! base                   time, timers, violations; the trait of the peripherals
 //! core                   one of the engines: instructions, interrupts, ports, ADC, watchdog
@@ -62,6 +63,7 @@ mod simavr;
 mod sleep;
 mod spi;
 mod spm;
+mod stack;
 mod starts;
 mod timers;
 mod trace;
@@ -81,7 +83,7 @@ pub use self::core::Engine;
 pub use chip::Chip;
 pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};
-pub use elf::{Firmware, Symbol, value_of};
+pub use elf::{Firmware, Names, Symbol, value_of};
 pub use processor::{
     Oc, PinWatcher, Reset, ResetCause, SerialCharacter, SpiByte, SpiDevice, State, TwiBus,
     Violation,
@@ -157,6 +159,7 @@ impl Avr {
         avr.load_further(firmware)?;
         avr.symbols.clone_from(&firmware.symbols);
         avr.board.clone_from(&firmware.board);
+        avr.machine.stack.set_program(Some(firmware));
         Ok(avr)
     }
 
@@ -185,7 +188,25 @@ impl Avr {
         let start = loader.boot_section(self.chip())?;
         self.load_further(loader)?;
         self.set_reset_vector(start as u32);
+        // It can load another program.
+        self.machine.stack.set_program(None);
         Ok(())
+    }
+
+    /// Watches the stack on simavr, too, which makes it slower.
+    pub fn watch_stack(&mut self) {
+        self.machine.watch_stack();
+    }
+
+    /// Size of the stack at its deepest, in bytes; `None` if nobody watches it, or the program has
+    /// several.
+    pub fn deepest_stack(&self) -> Option<u16> {
+        self.machine.stack.lowest().map(|sp| self.chip().ram_end().saturating_sub(sp))
+    }
+
+    /// True if the stack has run into variables: what the program does since is by chance.
+    pub fn has_stack_overrun(&self) -> bool {
+        self.machine.stack.has_overrun()
     }
 
     /// The type of the chip.
@@ -291,7 +312,8 @@ impl Avr {
 
     /// Removes and returns the program's mistakes since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
-        self.machine.base.take_violations()
+        let overrun = self.machine.stack.take_overrun(&self.machine.base);
+        overrun.into_iter().chain(self.machine.base.take_violations()).collect()
     }
 
     /// The features of the chip that are not modelled exactly and that the program has used, each
@@ -454,7 +476,7 @@ impl Avr {
 
     /// Stack pointer.
     pub fn sp(&self) -> u16 {
-        u16::from_le_bytes([self.sram(regs::SPL), self.sram(regs::SPH)])
+        self.machine.base.sp()
     }
 
     /// Program counter, as a byte address.

@@ -35,6 +35,7 @@ use super::processor::{PinWatcher, Reset, ResetCause};
 use super::regs;
 use super::sleep::{self, Mode};
 use super::spi::Spi;
+use super::stack::Stack;
 use super::starts::Starts;
 use super::timers::Timers;
 use super::trace::Trace;
@@ -124,6 +125,7 @@ pub(super) struct Machine {
     pub pins: Rc<Pins>,
     pub debug: Debug,
     pub trace: Trace,
+    pub stack: Stack,
     resets: RefCell<Vec<Reset>>,
     starts: Starts,
     /// Pins that the program has read since power-on, by port.
@@ -174,6 +176,7 @@ impl Machine {
             pins,
             debug: Debug::default(),
             trace: Trace::default(),
+            stack: Stack::default(),
             resets: RefCell::default(),
             starts: Starts::default(),
             inputs_read: Default::default(),
@@ -352,6 +355,13 @@ impl Machine {
             peripheral.reset(&self.base, &mut self.power_on_noise.borrow_mut());
         }
         self.pins.reapply(&self.base);
+    }
+
+    /// Watches the stack on simavr, which costs time; the own engine always does.
+    pub fn watch_stack(&self) {
+        if let Core::Simavr(simavr) = &self.base.core {
+            simavr.set_stack_mark(Some(self.base.core.chip().ram_end()));
+        }
     }
 
     fn owner(&self, address: u16) -> Option<&dyn Peripheral> {

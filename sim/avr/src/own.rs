@@ -334,6 +334,16 @@ impl Own {
         }
     }
 
+    /// The stack pointer below which the core calls the bus.
+    pub fn stack_mark(&self) -> u16 {
+        self.core.borrow().stack_mark()
+    }
+
+    /// Sets it.
+    pub fn set_stack_mark(&self, sp: u16) {
+        self.core.borrow_mut().set_stack_mark(sp);
+    }
+
     /// Enters the pending interrupt, if there is one, after a run.
     pub fn enter_interrupt<B: Bus>(&self, bus: &mut B) {
         let mut core = self.core.borrow_mut();

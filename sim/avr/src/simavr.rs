@@ -136,6 +136,10 @@ pub(super) struct Simavr {
     /// True if a callback needs the run loop to handle a reset or a panic.
     attention: Cell<bool>,
     panic: Cell<Option<Box<dyn Any + Send>>>,
+    /// The stack pointer below which the machine wants to know; `None` if it does not.
+    stack_mark: Cell<Option<u16>>,
+    /// True if the program wrote SPH after SPL.
+    is_sp_set_by_hand: Cell<bool>,
 }
 
 impl Simavr {
@@ -184,6 +188,8 @@ impl Simavr {
             originals: RefCell::default(),
             attention: Cell::new(false),
             panic: Cell::new(None),
+            stack_mark: Cell::new(None),
+            is_sp_set_by_hand: Cell::new(false),
         };
         let modules: [*mut c_void; 8] = [
             core.uart.cast(),
@@ -383,6 +389,34 @@ impl Simavr {
     pub fn stop_soon(&self) {
         // Safety: see the invariant of `Simavr`.
         unsafe { (*self.avr).run_cycle_count = 1 }
+    }
+
+    /// The stack pointer below which the machine wants to know, if it does.
+    pub fn stack_mark(&self) -> Option<u16> {
+        self.stack_mark.get()
+    }
+
+    /// Sets it.
+    pub fn set_stack_mark(&self, mark: Option<u16>) {
+        self.stack_mark.set(mark);
+    }
+
+    /// True if the program wrote SPH after SPL.
+    pub fn is_sp_set_by_hand(&self) -> bool {
+        self.is_sp_set_by_hand.get()
+    }
+
+    /// True if an instruction that was executed can have lowered the stack: a push, a call, or a
+    /// write of SPL, whose high byte compilers write first.
+    pub fn can_lower_stack(&self, opcode: u16) -> bool {
+        let is = |mask: u16, value: u16| opcode & mask == value;
+        let (sets_low, sets_high) = (is(0xFE0F, 0xBE0D), is(0xFE0F, 0xBE0E));
+        if sets_low || sets_high {
+            self.is_sp_set_by_hand.set(sets_high);
+        }
+        let pushes = is(0xFE0F, 0x920F);
+        let calls = is(0xF000, 0xD000) || is(0xFE0E, 0x940E) || opcode == 0x9509;
+        sets_low || pushes || calls
     }
 
     /// Resets the chip; the flags in MCUSR are kept.

@@ -6,6 +6,7 @@ mod avr_board;
 mod avr_chip;
 mod avr_peripherals;
 mod avr_spm;
+mod avr_stack;
 mod avr_timers;
 mod avr_twi;
 mod avr_unmodelled;

@@ -52,4 +52,5 @@ never! {
     fn store(address: u16, value: u8);
     fn forward(address: u16, value: u8);
     fn reset();
+    fn set_stack_mark(mark: Option<u16>);
 }

@@ -60,6 +60,7 @@ impl Machine {
                     }
                 }
             }
+            own.set_stack_mark(self.stack.settle(&self.base, own.stack_mark()));
             while let Some((timer, at)) = own.take_due() {
                 self.expire_on_own(own, timer, at);
             }
@@ -172,6 +173,10 @@ impl Bus for Registers<'_> {
 
     fn reset_watchdog(&mut self, clock: &mut Clock) {
         self.call(clock, |_| self.own.restart_watchdog());
+    }
+
+    fn stack_below_mark(&mut self, sp: u16, is_set_by_hand: bool, clock: &mut Clock) {
+        self.machine.stack.lower(clock.now, sp, clock.instruction(), is_set_by_hand);
     }
 
     fn vector_table(&self) -> u32 {

@@ -68,6 +68,7 @@ impl Machine {
             return;
         }
         self.base.schedule(Timer::Stop, until);
+        self.settle_stack(simavr);
         loop {
             simavr.run_freely();
             let cpu_waits = self.peripherals.nvm.spm.borrow().halts_cpu();
@@ -86,7 +87,16 @@ impl Machine {
                 if self.trace.is_on() {
                     self.trace.before_instruction(&self.base);
                 }
-                simavr.run_one();
+                if simavr.stack_mark().is_some() {
+                    let (pc, opcode) = (simavr.pc(), self.base.core.opcode());
+                    simavr.run_singly();
+                    simavr.run_one();
+                    if simavr.can_lower_stack(opcode) {
+                        self.check_stack(simavr, pc);
+                    }
+                } else {
+                    simavr.run_one();
+                }
                 if simavr.activity() == Activity::Sleeping {
                     if self.falls_asleep() {
                         self.stop_clocks();
@@ -112,7 +122,11 @@ impl Machine {
             }
             match simavr.activity() {
                 Activity::Running if !self.peripherals.nvm.spm.borrow().halts_cpu() => {
-                    simavr.service_interrupts()
+                    let pc = simavr.pc();
+                    simavr.service_interrupts();
+                    if simavr.pc() != pc {
+                        self.check_stack(simavr, pc);
+                    }
                 }
                 Activity::Running | Activity::Sleeping | Activity::Crashed => {
                     let rest = until.saturating_sub(self.base.now());
@@ -123,6 +137,21 @@ impl Machine {
                 return;
             }
         }
+    }
+
+    /// Tells a stack below the mark. `pc` is the instruction that has lowered it.
+    fn check_stack(&self, simavr: &Simavr, pc: u32) {
+        let sp = self.base.sp();
+        if simavr.stack_mark().is_some_and(|mark| sp < mark) {
+            simavr.set_stack_mark(Some(sp));
+            self.stack.lower(self.base.now(), sp, pc, simavr.is_sp_set_by_hand());
+            self.settle_stack(simavr);
+        }
+    }
+
+    fn settle_stack(&self, simavr: &Simavr) {
+        let mark = simavr.stack_mark().map(|mark| self.stack.settle(&self.base, mark));
+        simavr.set_stack_mark(mark);
     }
 
     /// Keeps simavr asleep while clocks stand: it wakes at any interrupt. True in such a sleep.
