@@ -99,9 +99,9 @@ impl<F: FnMut(&SpiByte) -> u8> SpiDevice for F {
 
 /// What is on the two-wire bus (TWI, I2C), which the chip leads as its only master.
 pub trait TwiBus {
-    /// A START, or a repeated one, and the byte after it. `address` has 7 bits. True if a device
-    /// acknowledges.
-    fn address(&mut self, address: u8, is_read: bool) -> bool;
+    /// A START, or a repeated one, and the byte after it, which ends now. `address` has 7 bits.
+    /// True if a device acknowledges.
+    fn address(&mut self, now: Cycles, address: u8, is_read: bool) -> bool;
 
     /// A byte to the device. True if it acknowledges.
     fn write(&mut self, byte: u8) -> bool;

@@ -141,7 +141,8 @@ impl Twi {
             Action::Start => (State::Started, status::REPEATED_START),
             Action::Send if self.state.get() == State::Started => {
                 let is_read = byte & 1 != 0;
-                let is_there = self.with_bus(false, |bus| bus.address(byte >> 1, is_read));
+                let is_there =
+                    self.with_bus(false, |bus| bus.address(base.now(), byte >> 1, is_read));
                 match (is_read, is_there) {
                     (false, _) => (State::Writing, status::WRITE_ADDRESS[usize::from(is_there)]),
                     (true, true) => (State::Reading, status::READ_ADDRESS[1]),

@@ -6,13 +6,23 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
+use std::fmt::Write as _;
 use std::rc::Rc;
 use std::str::FromStr;
 
 use crate::avr::TwiBus;
+use crate::{Cycles, F_CPU_HZ};
 
 /// Highest address: those from 0x78 on are reserved, as are those below 0x08.
 const ADDRESSES: std::ops::RangeInclusive<u8> = 0x08..=0x77;
+/// A program that asks for more addresses which nobody has looks for devices.
+const MISSING_MAX: usize = 8;
+/// It has asked for all of them after this time.
+const SCANNED: Cycles = F_CPU_HZ / 10;
+/// Most bytes that a text lists.
+const BYTES_SHOWN: usize = 16;
+/// Most transactions that are kept.
+const TRANSACTIONS_MAX: usize = 10_000;
 
 /// A device, and values for its registers: `0x48`, or `0x48:0x00=0x19,0x80`.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -59,6 +69,8 @@ fn number(text: &str) -> Result<u8, String> {
 
 struct Device {
     registers: [u8; 0x100],
+    /// True for a register that the program has written.
+    is_written: [bool; 0x100],
     /// The register that is read or written next.
     next: u8,
 }
@@ -70,6 +82,11 @@ struct Bus {
     selected: Option<u8>,
     /// True if the next byte to the device is the number of a register.
     takes_register: bool,
+    /// The transaction that goes on: its start, device, and bytes in each direction.
+    transaction: Option<(Cycles, u8, Vec<u8>, Vec<u8>)>,
+    transactions: Vec<(Cycles, String)>,
+    /// Addresses that nobody acknowledged, with the time of the first, and whether it was told.
+    missing: BTreeMap<u8, (Cycles, bool)>,
 }
 
 impl Bus {
@@ -86,12 +103,50 @@ impl Devices {
     /// Adds the device, if it is not there, and sets its registers.
     pub fn set(&self, setting: &Setting) {
         let mut bus = self.0.borrow_mut();
-        let device = bus
-            .devices
-            .entry(setting.address)
-            .or_insert_with(|| Device { registers: [0; 0x100], next: 0 });
+        let device = bus.devices.entry(setting.address).or_insert_with(|| Device {
+            registers: [0; 0x100],
+            is_written: [false; 0x100],
+            next: 0,
+        });
         let first = usize::from(setting.register);
         device.registers[first..first + setting.values.len()].copy_from_slice(&setting.values);
+    }
+
+    /// Removes and returns the transactions since the last call: times and texts.
+    pub fn take_transactions(&self) -> Vec<(Cycles, String)> {
+        std::mem::take(&mut self.0.borrow_mut().transactions)
+    }
+
+    /// The addresses that nobody acknowledged, each once, unless the program looks for devices.
+    pub fn missing(&self, now: Cycles) -> Vec<u8> {
+        let missing = &mut self.0.borrow_mut().missing;
+        let is_scan = missing.len() > MISSING_MAX;
+        let due = missing.iter_mut().filter(|(_, (first, is_told))| {
+            !is_scan && !is_told && now >= first.saturating_add(SCANNED)
+        });
+        due.map(|(address, (_, is_told))| {
+            *is_told = true;
+            *address
+        })
+        .collect()
+    }
+
+    /// What the program has written: address, first register, and the values from there on.
+    pub fn written(&self) -> Vec<(u8, u8, Vec<u8>)> {
+        let mut runs: Vec<(u8, u8, Vec<u8>)> = Vec::new();
+        for (address, device) in &self.0.borrow().devices {
+            let mut follows = false;
+            for register in 0..=0xFF {
+                let at = usize::from(register);
+                match runs.last_mut() {
+                    _ if !device.is_written[at] => {}
+                    Some((.., values)) if follows => values.push(device.registers[at]),
+                    _ => runs.push((*address, register, vec![device.registers[at]])),
+                }
+                follows = device.is_written[at];
+            }
+        }
+        runs
     }
 
     /// The value of a register; `None` if there is no such device.
@@ -100,10 +155,51 @@ impl Devices {
     }
 }
 
+/// Registers in the notation of the option `--i2c`.
+pub fn text(address: u8, register: u8, values: &[u8]) -> String {
+    let values: Vec<String> = values.iter().map(|value| format!("{value:#04X}")).collect();
+    format!("{address:#04X}:{register:#04X}={}", values.join(","))
+}
+
+impl Bus {
+    /// Ends the transaction that goes on.
+    fn end(&mut self) {
+        let Some((at, address, written, read)) = self.transaction.take() else { return };
+        if self.transactions.len() >= TRANSACTIONS_MAX {
+            return;
+        }
+        let mut text = format!("{address:#04X}");
+        for (verb, bytes) in [("is written", written), ("gives", read)] {
+            if bytes.is_empty() {
+                continue;
+            }
+            text += &format!(" {verb}");
+            for byte in bytes.iter().take(BYTES_SHOWN) {
+                let _ = write!(text, " {byte:02X}");
+            }
+            if bytes.len() > BYTES_SHOWN {
+                text += &format!(" ... ({} bytes)", bytes.len());
+            }
+        }
+        self.transactions.push((at, text));
+    }
+}
+
 impl TwiBus for Devices {
-    fn address(&mut self, address: u8, is_read: bool) -> bool {
+    fn address(&mut self, at: Cycles, address: u8, is_read: bool) -> bool {
         let mut bus = self.0.borrow_mut();
         bus.selected = bus.devices.contains_key(&address).then_some(address);
+        if bus.selected.is_none() {
+            bus.missing.entry(address).or_insert((at, false));
+        }
+        // A read after a repeated START belongs to the write before it, which chose the register.
+        let last = bus.transaction.as_ref();
+        let is_same = last.is_some_and(|(_, of, _, read)| *of == address && read.is_empty());
+        let goes_on = is_read && is_same;
+        if !goes_on {
+            bus.end();
+            bus.transaction = bus.selected.map(|address| (at, address, Vec::new(), Vec::new()));
+        }
         bus.takes_register = !is_read;
         bus.selected.is_some()
     }
@@ -111,11 +207,15 @@ impl TwiBus for Devices {
     fn write(&mut self, byte: u8) -> bool {
         let mut bus = self.0.borrow_mut();
         let is_register = std::mem::take(&mut bus.takes_register);
+        if let Some((_, _, written, _)) = &mut bus.transaction {
+            written.push(byte);
+        }
         let Some(device) = bus.selected() else { return false };
         if is_register {
             device.next = byte;
         } else {
             device.registers[usize::from(device.next)] = byte;
+            device.is_written[usize::from(device.next)] = true;
             device.next = device.next.wrapping_add(1);
         }
         true
@@ -126,11 +226,16 @@ impl TwiBus for Devices {
         let Some(device) = bus.selected() else { return 0xFF };
         let byte = device.registers[usize::from(device.next)];
         device.next = device.next.wrapping_add(1);
+        if let Some((.., read)) = &mut bus.transaction {
+            read.push(byte);
+        }
         byte
     }
 
     fn stop(&mut self) {
-        self.0.borrow_mut().selected = None;
+        let mut bus = self.0.borrow_mut();
+        bus.selected = None;
+        bus.end();
     }
 }
 
