@@ -71,7 +71,16 @@ impl Help {
     }
 
     fn all(&self) -> String {
-        let topics: Vec<String> = self.topics.iter().map(|topic| self.of(topic)).collect();
+        let topics: Vec<String> = self
+            .topics
+            .iter()
+            .map(|topic| {
+                // All of them would have the heading "Options:".
+                let text = self.of(topic);
+                let options = text.strip_prefix("Options:");
+                options.map_or(text.clone(), |rest| format!("Options, {}:{rest}", topic.about))
+            })
+            .collect();
         format!("{}\n{}\n{}", self.about, topics.join("\n"), self.end)
     }
 
