@@ -12,23 +12,34 @@ const EDGES_SHOWN: usize = 4;
 const WINDOW: Cycles = F_CPU_HZ / 10;
 /// A tone whose frequency or share changes by less than this part is the same.
 const SAME_WITHIN: f64 = 0.02;
+/// The same of the share of bursts, which differs from window to window.
+const SAME_SHARE_WITHIN: f64 = 0.5;
+/// A period that is so many times as long as the median is a gap between bursts.
+const GAP: Cycles = 4;
 
 /// The state of a watched pin, as it was shown last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Shown {
     Level(bool),
-    /// Frequency in Hz, and share of the time in which the pin is high.
+    /// Frequency in Hz, share of the periods in which the pin is high, and share of the time that
+    /// has periods: less than 1 if they come in bursts.
     Tone {
         hz: f64,
         high: f64,
+        share: f64,
     },
 }
 
 impl Shown {
     fn is_same(self, other: Shown) -> bool {
         match (self, other) {
-            (Shown::Tone { hz, high }, Shown::Tone { hz: hz2, high: high2 }) => {
-                (hz - hz2).abs() <= hz * SAME_WITHIN && (high - high2).abs() <= SAME_WITHIN
+            (
+                Shown::Tone { hz, high, share },
+                Shown::Tone { hz: hz2, high: high2, share: share2 },
+            ) => {
+                (hz - hz2).abs() <= hz * SAME_WITHIN
+                    && (high - high2).abs() <= SAME_WITHIN
+                    && (share - share2).abs() <= SAME_SHARE_WITHIN
             }
             _ => self == other,
         }
@@ -40,7 +51,13 @@ impl fmt::Display for Shown {
         match self {
             Shown::Level(false) => write!(f, "low"),
             Shown::Level(true) => write!(f, "high"),
-            Shown::Tone { hz, high } => write!(f, "{hz:.0} Hz, high {:.0} %", high * 100.0),
+            Shown::Tone { hz, high, share } => {
+                write!(f, "{hz:.0} Hz, high {:.0} %", high * 100.0)?;
+                match *share {
+                    1.0 => Ok(()),
+                    share => write!(f, ", in bursts: {:.0} % of the time", share * 100.0),
+                }
+            }
         }
     }
 }
@@ -114,18 +131,27 @@ impl Watched {
     }
 }
 
-/// Frequency and share of the whole periods in these edges.
+/// Frequency and share of the whole periods in these edges, without the gaps between bursts.
 fn tone(edges: &[(Cycles, bool)]) -> Option<Shown> {
-    let first = edges.iter().position(|(_, level)| *level)?;
-    let last = edges.iter().rposition(|(_, level)| *level)?;
-    let whole = &edges[first..=last];
-    let periods = whole.iter().filter(|(_, level)| *level).count() - 1;
-    let time = whole.last()?.0 - whole.first()?.0;
-    let high: Cycles =
-        whole.windows(2).filter(|pair| pair[0].1).map(|pair| pair[1].0 - pair[0].0).sum();
-    (periods > 0 && time > 0).then(|| Shown::Tone {
-        hz: periods as f64 * F_CPU_HZ as f64 / time as f64,
+    let rises = edges.iter().enumerate().filter(|(_, (_, level))| *level);
+    let rises: Vec<(usize, Cycles)> = rises.map(|(index, (at, _))| (index, *at)).collect();
+    let mut periods: Vec<Cycles> = rises.windows(2).map(|pair| pair[1].1 - pair[0].1).collect();
+    periods.sort_unstable();
+    let median = *periods.get(periods.len() / 2)?;
+    let (mut count, mut time, mut high) = (0, 0, 0);
+    for pair in rises.windows(2) {
+        let [(index, start), (_, end)] = [pair[0], pair[1]];
+        if end - start < GAP * median {
+            count += 1;
+            time += end - start;
+            high += edges.get(index + 1).map_or(end, |(fall, _)| *fall) - start;
+        }
+    }
+    let whole = rises.last()?.1 - rises.first()?.1;
+    (time > 0).then(|| Shown::Tone {
+        hz: f64::from(count) * F_CPU_HZ as f64 / time as f64,
         high: high as f64 / time as f64,
+        share: if time == whole { 1.0 } else { time as f64 / WINDOW as f64 },
     })
 }
 
@@ -156,5 +182,18 @@ mod tests {
         let texts: Vec<&str> = lines.iter().map(|(_, text)| &**text).collect();
         assert_eq!(texts[texts.len() - 2..], ["D8 500 Hz, high 25 %", "D8 low"]);
         assert!(texts.len() <= 2 + EDGES_SHOWN, "{texts:?}");
+    }
+
+    /// As an infrared remote control sends: marks of 38.4 kHz, and spaces.
+    #[test]
+    fn bursts_have_the_frequency_within_and_their_share_of_the_time() {
+        let period = F_CPU_HZ / 38_400;
+        let bursts = (0..20).map(|burst| burst * WINDOW / 20);
+        let edges: Vec<_> = bursts
+            .flat_map(|start| (0..40).map(move |number| start + number * period))
+            .flat_map(|at| [(at, true), (at + period / 3, false)])
+            .collect();
+        let shown = tone(&edges).unwrap();
+        assert_eq!(shown.to_string(), "38462 Hz, high 33 %, in bursts: 20 % of the time");
     }
 }

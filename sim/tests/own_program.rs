@@ -8,6 +8,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
+use crate::avr::sketch_to;
 use crate::links::{Scratch, elf, elf_for, elf_with};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -75,7 +76,7 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
             "{first}"
         );
         assert!(rest.contains("serial  CAN started"), "{rest}");
-        // Only programs of this project have limits and a measured stack.
+        // Only programs of this project have limits of their own.
         assert!(
             rest.contains("\nbus             10 frames, 0 error frames, 0 not acknowledged\n"),
             "{rest}"
@@ -87,7 +88,7 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
         };
         assert_eq!(
             [figure("flash"), figure("statics"), figure("stack")],
-            [Some(3), Some(3), None],
+            [Some(3), Some(3), Some(14)],
             "{rest}"
         );
     }
@@ -97,8 +98,6 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
 fn the_error_of_an_option_that_the_board_cannot_fulfil_has_the_reason() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
-    let error = error_text(&sim(&program, &[&UNO[..], &["--bit-rate", "1000000"]].concat()));
-    assert!(error.contains("a crystal of 8 MHz does at most 500000 bit/s"), "{error}");
     let error = error_text(&sim(&program, &["--board", "mega"]));
     assert!(error.contains("no board is called \"mega\": use diecimila, "), "{error}");
     let error = error_text(&sim(&program, &["--shield", "mega"]));
@@ -263,7 +262,7 @@ fn the_exit_code_is_2_for_a_wrong_command_line_and_3_for_an_error_of_the_compute
     let text = text.to_str().unwrap();
     let code = |options: &[&str]| sim(&program, options).status.code();
     for usage in [
-        &["--bit-rate", "1000000", "--crystal", "8"][..],
+        &["--bit-rate", "1000001"][..],
         &["--cs", "D13"],
         &["--nodes", "127"],
         &["--for", "x"],
@@ -315,8 +314,9 @@ fn a_strict_run_fails_for_a_program_that_does_not_work() {
     let wrong = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "16"];
     let expected = found(1, "never_sent", &["never_sent", "hints"]);
     assert_eq!(strict(&uno(), &[&wrong[..], &["--bit-rate", "500000"]].concat()), expected);
-    assert_eq!(strict(&elf(&scratch, "spin"), &[]), found(1, "never_sent", &["never_sent"]));
-    let expected = found(1, "restarted", &["restarted", "never_sent"]);
+    // Programs that leave the SPI alone have no CAN.
+    assert_eq!(strict(&elf(&scratch, "spin"), &[]), found(0, "well", &[]));
+    let expected = found(1, "restarted", &["restarted"]);
     assert_eq!(strict(&elf(&scratch, "watchdog"), &[]), expected);
     let jump = elf_with(&scratch, "features", "atmega168", &["FEATURE=DDRB=1", "JUMP"]);
     assert_eq!(strict(&jump, &[]), expected);
@@ -356,6 +356,106 @@ fn there_is_a_hint_for_an_int_on_another_pin() {
     // Without an interrupt a program can ask the controller over the SPI.
     let (text, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
     assert!(!text.contains("HINT"), "{text}");
+}
+
+#[test]
+fn a_stack_that_runs_into_variables_fails_the_run_and_is_named_as_the_cause() {
+    let scratch = Scratch::new();
+    let program = scratch.path("overrun.elf");
+    let run = |depth: &str| {
+        sketch_to(&program, "overrun", &[&format!("DEPTH={depth}")]);
+        let (text, report, code) = result(&scratch, &program, &[]);
+        (text, report, code)
+    };
+    let (text, report, code) = run("3");
+    assert_eq!((code, &report["outcome"]), (Some(0), &"well".into()), "{text}");
+    let stack = report["budget"]["stack"].as_u64().unwrap();
+    assert!((800..950).contains(&stack), "{stack}");
+    assert_eq!(report["budget"]["lowest_sp"], 0x8FF - stack);
+    let (text, report, code) = run("8");
+    assert_eq!((code, &report["outcome"]), (Some(1), &"mistakes".into()), "{text}");
+    let stack = &report["budget"]["stack"];
+    let expected = format!(": it is {stack} bytes deep in depth, and ");
+    let line = text.lines().find(|line| line.contains("MISTAKE AVR: the stack runs into"));
+    assert!(line.is_some_and(|line| line.contains(&expected)), "{text}");
+    assert!(line.is_some_and(|line| line.contains("important")), "{text}");
+    // Down to the registers: whatever the program does then has this cause.
+    let (text, _, code) = run("100");
+    assert_eq!(code, Some(1));
+    let first = text.find("MISTAKE AVR: the stack runs into").unwrap();
+    assert!(text[first..].contains("more: it is "), "{text}");
+    let consequence = text.find(", after its stack had run into variables");
+    assert!(consequence.is_some_and(|at| at > first), "{text}");
+}
+
+#[test]
+fn a_device_that_is_missing_on_the_two_wire_bus_is_a_hint_and_one_that_is_there_is_seen() {
+    let scratch = Scratch::new();
+    let program = scratch.path("wire.elf");
+    sketch_to(&program, "wire", &[]);
+    let (text, report, _) = result(&scratch, &program, &["--i2c", "0x48:0x00=0x19,0x80"]);
+    let hint = "HINT    nobody acknowledges 0x49 on the two-wire bus: --i2c 0x49 puts a device";
+    assert_eq!(text.matches(hint).count(), 1, "{text}");
+    assert!(text.contains(" i2c     0x48 is written 00 gives 19 80\n"), "{text}");
+    assert!(text.contains(" further transactions\n"), "{text}");
+    assert_eq!(report["findings"], serde_json::json!(["hints"]));
+    // `twi.c` writes two registers.
+    let program = elf(&scratch, "twi");
+    let (text, report, _) = result(&scratch, &program, &["--i2c", "0x48"]);
+    assert!(text.contains("\ni2c             0x48:0x10=0xA5,0x5A\n"), "{text}");
+    let written = serde_json::json!([{"address": 0x48, "register": 0x10, "values": [0xA5, 0x5A]}]);
+    assert_eq!(report["i2c"], written);
+}
+
+#[test]
+fn a_lost_frame_is_shown_with_the_buffer_that_was_full() {
+    let scratch = Scratch::new();
+    let script = scratch.path("frames.txt");
+    fs::write(&script, "(0.3) can0 100#01\n(0.31) can0 101#02\n(0.32) can0 102#03\n").unwrap();
+    let run = |defines: &[&str]| {
+        let program = elf_with(&scratch, "uno", "atmega328p", defines);
+        let options = [&UNO[..], &["--script", script.to_str().unwrap()]].concat();
+        result(&scratch, &program, &options).0
+    };
+    let hint = "HINT    the program has never written the filters of RXB0";
+    // Standard frames pass the filters of RXB1 only.
+    let text = run(&["MASKS"]);
+    let line = "LOST    frame lost, RXB1 was full, and no filter of RXB0, which was empty, passes \
+                the frame: 101#02";
+    assert!(text.contains(line) && text.matches(hint).count() == 1, "{text}");
+    let text = run(&["RXB0=0x60"]);
+    let line = "LOST    frame lost, RXB0 was full, and its bit BUKT lets nothing go on to RXB1, \
+                which was empty: 101#02";
+    assert!(text.contains(line) && !text.contains(hint), "{text}");
+    let text = run(&["RXB0=0x64"]);
+    let line = "LOST    frame lost, both receive buffers were full: 102#03";
+    assert!(text.contains(line) && !text.contains("101#02\n"), "{text}");
+}
+
+#[test]
+fn a_node_with_a_crystal_that_is_too_slow_for_the_bus_can_be_shown() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let script = scratch.path("frames.txt");
+    fs::write(&script, "(0.1) can0 100#01\n").unwrap();
+    let options = ["--bit-rate", "1000000", "--traffic", "--script", script.to_str().unwrap()];
+    let (text, ..) = result(&scratch, &program, &[&UNO[..], &options].concat());
+    let hint = "the bus at 1000 kbit/s: each gets only errors from the other. A crystal of 8 MHz \
+                does at most 500 kbit/s";
+    assert!(text.contains(hint), "{text}");
+    let errors = text.lines().filter(|line| line.contains("error frame")).count();
+    assert!((3..=8).contains(&errors), "three, and then their number: {text}");
+}
+
+/// On a board whose servo would be at D10, where the sketch has CS.
+#[test]
+fn a_chip_select_is_no_servo() {
+    let scratch = Scratch::new();
+    let program = elf_for(&scratch, "uno", "atmega328p");
+    let (text, report, _) = result(&scratch, &program, &["--mcu", "atmega328p", "--crystal", "8"]);
+    assert!(text.contains("the program drives D10, CS is wired to D9 (--cs D10)"), "{text}");
+    assert!(!text.contains("motor") && !text.contains("servo   pulse"), "{text}");
+    assert_eq!(report["servo"]["pulses"], 0);
 }
 
 #[test]

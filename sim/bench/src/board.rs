@@ -23,7 +23,7 @@
 mod load;
 mod wires;
 
-use std::cell::RefCell;
+use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
 use anyhow::{Context, Result};
@@ -34,8 +34,8 @@ use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
 use crate::shaft::Shaft;
 use crate::wiring::{Pin, Wiring};
+pub use wires::{PinUse, SpiUse, Violation, Wire, WireEvent, WrongWire};
 use wires::{SpiEnd, Wires};
-pub use wires::{SpiUse, Violation, Wire, WireEvent, WrongWire};
 
 /// D3 is the output OC2B of Timer2, which can dim a light.
 const OC2B: (char, u8) = ('D', 3);
@@ -373,6 +373,20 @@ impl Board {
         let Some(pin) = self.wiring.light else { return 0.0 };
         let duty = self.avr.oc2b_duty().filter(|_| (pin.port(), pin.bit()) == OC2B);
         duty.unwrap_or(if self.pin(pin) { 1.0 } else { 0.0 })
+    }
+
+    /// Counts from now on how the program uses a pin together with the SPI.
+    pub fn watch_use(&mut self, pin: Pin) -> Rc<Cell<PinUse>> {
+        let used = Rc::new(Cell::new(PinUse::default()));
+        let (seen, wires) = (Rc::clone(&used), Rc::clone(&self.wires));
+        let watcher = move |level, _| {
+            let SpiUse { bytes, bytes_elsewhere, .. } = wires.spi_use.get();
+            let mut now = seen.get();
+            now.edge(level, bytes + bytes_elsewhere);
+            seen.set(now);
+        };
+        self.avr.watch_pin(pin.port(), pin.bit(), Box::new(watcher));
+        used
     }
 
     /// Counters of the SPI since power-on.

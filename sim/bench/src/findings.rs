@@ -4,8 +4,8 @@
 //! A finding is not a mistake of the program, which may fit another board. That the serial port has
 //! one of the rates of serial monitors is no hint, but a note.
 
-use crate::board::Board;
-use crate::mcp2515::Mode;
+use crate::board::{Board, PinUse};
+use crate::mcp2515::{LoggedFrame, Mcp2515, Mode};
 use crate::wiring::Pin;
 use crate::{Cycles, F_CPU_HZ};
 use std::cell::Cell;
@@ -26,6 +26,9 @@ const SPI_SETTLED: Cycles = F_CPU_HZ / 2;
 /// A frame that waits this long for normal mode: the program has not set that mode. The start of a
 /// program takes less.
 const MODE_SETTLED: Cycles = F_CPU_HZ / 2;
+
+/// RXF0SIDH and RXF1SIDH.
+const FILTERS_OF_RXB0: [u8; 2] = [0x00, 0x04];
 
 /// Pins that can be a chip select: none of the SPI or of the serial port.
 const SELECTS: [&str; 15] =
@@ -100,9 +103,21 @@ impl Findings {
         {
             return None;
         }
+        let fastest = board.wiring().fastest_bit_rate();
+        let cure = if bus_rate > fastest {
+            format!(
+                "A crystal of {} MHz does at most {} kbit/s: all nodes need that (--bit-rate)",
+                board.wiring().crystal_mhz,
+                kilo(fastest.into())
+            )
+        } else {
+            String::from(
+                "Set the program's bit rate, its crystal (--crystal), or the bus (--bit-rate)",
+            )
+        };
         Some(format!(
             "the node is at {} kbit/s, the bus at {} kbit/s: each gets only errors from the \
-             other. Set the program's bit rate, its crystal (--crystal), or the bus (--bit-rate)",
+             other. {cure}",
             kilo(rate),
             kilo(bus_rate.into())
         ))
@@ -129,6 +144,11 @@ impl Findings {
         })
     }
 
+    /// True if the program uses the pin as a chip select.
+    pub fn is_chip_select(&self, pin: Pin) -> bool {
+        self.selects.pins.iter().any(|(other, used)| *other == pin && used.get().is_select())
+    }
+
     fn check_mode(&mut self, board: &Board) -> Option<String> {
         let chip = board.chip();
         let chip = chip.borrow();
@@ -151,10 +171,24 @@ impl Findings {
     }
 }
 
-/// Counts the falling edges of the pins that may be the chip select of a program.
+/// Why a frame was lost beside an empty RXB0: the program has left its filters as they are after
+/// power-on.
+pub fn unwritten_filters(chip: &Mcp2515, lost: &LoggedFrame) -> Option<String> {
+    let is_left = lost.buffer == 1
+        && !lost.other_is_full
+        && FILTERS_OF_RXB0.into_iter().all(|register| !chip.is_written(register));
+    is_left.then(|| {
+        String::from(
+            "the program has never written the filters of RXB0 (RXF0, RXF1), which have any value \
+             after power-on: here they pass only extended frames, or none, so that all go to RXB1",
+        )
+    })
+}
+
+/// The pins that may be the chip select of a program.
 #[derive(Debug, Default)]
 struct Selects {
-    falls: Vec<(Pin, Rc<Cell<u32>>)>,
+    pins: Vec<(Pin, Rc<Cell<PinUse>>)>,
 }
 
 impl Selects {
@@ -162,20 +196,14 @@ impl Selects {
     fn attach(board: &mut Board) -> Selects {
         let cs = board.wiring().cs;
         let pins = SELECTS.iter().filter_map(|name| name.parse().ok()).filter(|pin| *pin != cs);
-        let count = |pin: Pin| {
-            let falls = Rc::new(Cell::new(0));
-            let seen = Rc::clone(&falls);
-            let watcher = move |level: bool, _| seen.set(seen.get() + u32::from(!level));
-            board.avr_mut().watch_pin(pin.port(), pin.bit(), Box::new(watcher));
-            (pin, falls)
-        };
-        Selects { falls: pins.map(count).collect() }
+        Selects { pins: pins.map(|pin| (pin, board.watch_use(pin))).collect() }
     }
 
     /// The pin that the program drives as a chip select: it falls far more often than all others,
     /// once for each instruction on the SPI.
     fn driven(&self) -> Option<Pin> {
-        let mut falls: Vec<_> = self.falls.iter().map(|(pin, falls)| (falls.get(), *pin)).collect();
+        let mut falls: Vec<_> =
+            self.pins.iter().map(|(pin, used)| (used.get().falls, *pin)).collect();
         falls.sort_by_key(|(count, _)| std::cmp::Reverse(*count));
         match falls.as_slice() {
             [(most, pin), (second, _), ..] if *most > 1 && *most >= 2 * second => Some(*pin),
@@ -204,9 +232,11 @@ mod tests {
     #[test]
     fn the_driven_chip_select_is_the_pin_that_falls_most() {
         let driven = |falls: [(&str, u32); 3]| {
-            let falls =
-                falls.map(|(name, count)| (name.parse().unwrap(), Rc::new(Cell::new(count))));
-            Selects { falls: falls.to_vec() }.driven().map(|pin| pin.to_string())
+            let pins = falls.map(|(name, falls)| {
+                let used = PinUse { falls, ..PinUse::default() };
+                (name.parse().unwrap(), Rc::new(Cell::new(used)))
+            });
+            Selects { pins: pins.to_vec() }.driven().map(|pin| pin.to_string())
         };
         // A servo has 50 pulses a second.
         assert_eq!(driven([("D9", 25), ("D10", 900), ("D8", 0)]), Some("D10".to_owned()));

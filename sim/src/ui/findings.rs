@@ -3,6 +3,7 @@
 
 use bench::board::Board;
 use bench::findings;
+use bench::wiring::Pin;
 use bench::{Cycles, F_CPU_HZ};
 
 pub use bench::findings::Said;
@@ -34,6 +35,11 @@ impl Findings {
     /// is not known.
     pub fn watch_selects(&mut self, board: &mut Board) {
         self.general.watch_selects(board);
+    }
+
+    /// True if the program uses the pin as a chip select: then no servo is there.
+    pub fn is_chip_select(&self, pin: Pin) -> bool {
+        self.general.is_chip_select(pin)
     }
 
     /// Checks a board on a bus of `bus_rate` bits per second. Returns what is new.

@@ -5,23 +5,26 @@
 //! ```
 //! A line has the simulated time in seconds, a word to filter by, and the event. Frequent events
 //! are summed up: traffic each second, servo pulses each half second while they change, error
-//! frames and lost frames above five a second.
+//! frames after the first three, lost frames above five a second.
 
 use super::escs::Throttle;
 use super::pace::Measured;
 use super::state::{Event, State};
-use super::traffic::TrafficLine;
+use super::traffic::{ERROR_FRAME, TrafficLine};
 use crate::time::{micros, seconds};
 use bench::budget::Budget;
 use bench::dronecan::text::visible;
+use bench::i2c;
 use bench::{Cycles, F_CPU_HZ};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 
 const TRAFFIC_PERIOD: Cycles = F_CPU_HZ;
 const SERVO_PERIOD: Cycles = F_CPU_HZ / 2;
-/// Error frames printed one by one in each traffic period.
-const ERROR_LINES_MAX: u32 = 5;
+/// Error frames printed one by one; then each traffic period has their number, until one has none.
+const ERROR_LINES_MAX: u32 = 3;
+/// Transactions on the two-wire bus printed one by one in each traffic period.
+const I2C_LINES_MAX: u32 = 20;
 /// Lost frames printed one by one in each traffic period.
 const LOST_LINES_MAX: u32 = 5;
 
@@ -33,8 +36,11 @@ pub struct Plain<W> {
     next_traffic_at: Cycles,
     next_servo_at: Cycles,
     counts: BTreeMap<(String, String), u32>,
+    /// Error frames of this period, and those printed one by one since a period without any.
+    error_frames: u32,
     error_lines: u32,
     lost_lines: u32,
+    i2c_lines: u32,
     /// Pulse width, widths of the further outputs, and measurements, as they were printed last.
     last_pulse: Option<Option<Cycles>>,
     last_outputs: Vec<Option<Cycles>>,
@@ -50,8 +56,10 @@ impl<W: Write> Plain<W> {
             next_traffic_at: TRAFFIC_PERIOD,
             next_servo_at: 0,
             counts: BTreeMap::new(),
+            error_frames: 0,
             error_lines: 0,
             lost_lines: 0,
+            i2c_lines: 0,
             last_pulse: None,
             last_outputs: Vec::new(),
             last_measured: Default::default(),
@@ -98,14 +106,22 @@ impl<W: Write> Plain<W> {
             Event::Node(text) => self.line(at, "node", &text),
             Event::Light(percent) => self.line(at, "light", &format!("{percent} %")),
             Event::Pin(text) => self.line(at, "pin", &text),
+            Event::I2c(text) => {
+                self.i2c_lines += 1;
+                match self.i2c_lines {
+                    1..=I2C_LINES_MAX => self.line(at, "i2c", &text),
+                    _ => Ok(()),
+                }
+            }
             Event::Crash(text) => self.line(at, "CRASH", &text),
             Event::Traffic(line) => self.print_transfer(at, line),
             Event::ErrorFrame(text) => {
-                self.error_lines += 1;
-                match self.error_lines {
-                    1..=ERROR_LINES_MAX => self.line(at, "error", &text),
-                    _ => Ok(()),
+                self.error_frames += 1;
+                if self.error_lines == ERROR_LINES_MAX {
+                    return Ok(());
                 }
+                self.error_lines += 1;
+                self.line(at, "error", &text)
             }
             Event::Mistake(text) => self.line(at, "MISTAKE", &text),
             Event::Hint(text) => self.line(at, "HINT", &text),
@@ -120,7 +136,8 @@ impl<W: Write> Plain<W> {
     }
 
     fn print_transfer(&mut self, at: Cycles, line: TrafficLine) -> io::Result<()> {
-        if self.every_transfer {
+        // An error frame has a line of its own.
+        if self.every_transfer && line.name != ERROR_FRAME {
             let text = format!("{:>4} {}", line.who, line.text);
             self.line(at, "frame", &text)?;
         }
@@ -202,11 +219,16 @@ impl<W: Write> Plain<W> {
             if each.is_empty() { String::from("silence") } else { each.join(", ") },
         );
         self.line(state.now, "bus", &text)?;
-        let hidden = self.error_lines.saturating_sub(ERROR_LINES_MAX);
-        if hidden > 0 {
-            self.line(state.now, "error", &format!("{hidden} further error frames"))?;
+        match std::mem::take(&mut self.error_frames) {
+            0 => self.error_lines = 0,
+            ..=ERROR_LINES_MAX if self.error_lines < ERROR_LINES_MAX => {}
+            count => self.line(state.now, "error", &format!("{count} error frames"))?,
         }
-        self.error_lines = 0;
+        let hidden = self.i2c_lines.saturating_sub(I2C_LINES_MAX);
+        if hidden > 0 {
+            self.line(state.now, "i2c", &format!("{hidden} further transactions"))?;
+        }
+        self.i2c_lines = 0;
         let hidden = self.lost_lines.saturating_sub(LOST_LINES_MAX);
         if hidden > 0 {
             self.line(state.now, "LOST", &format!("{hidden} further frames"))?;
@@ -278,15 +300,16 @@ pub fn summary(state: &State, speed: Measured) -> String {
     if let Some(statics) = memory.statics {
         line("statics", format!("{statics}{} B", of(|limits| limits.statics)));
     }
-    if let (Some(statics), Some(stack)) = (memory.statics, memory.stack) {
-        line(
-            "stack",
-            format!(
-                "{stack} B, with statics {}{} B",
-                statics + stack,
-                of(|limits| limits.statics_and_stack)
-            ),
-        );
+    if let (Some(stack), Some(sp)) = (memory.stack, state.lowest_sp()) {
+        let ram = state.wiring.chip.ram_bytes() as u32;
+        let limit = memory.limits.map_or(ram, |limits| limits.statics_and_stack);
+        let with_statics = memory.statics.map_or(String::new(), |statics| {
+            format!(", with statics {} of {limit} B", statics + stack)
+        });
+        line("stack", format!("{stack} B, SP {sp:#06x} at its lowest{with_statics}"));
+    }
+    for (address, register, values) in &state.i2c {
+        line("i2c", i2c::text(*address, *register, values));
     }
     for mistake in state.mistakes.kinds() {
         line(
@@ -570,11 +593,12 @@ mod tests {
         for _ in 0..1000 {
             state.report(0, Event::ErrorFrame(String::from("error frame")));
             state.add_mistake(0, String::from("SPI with CS high"));
-            state.add_lost_frame(0, Frame::standard(0x123, &[1]));
+            state.add_lost_frame(0, Frame::standard(0x123, &[1]), "both receive buffers were full");
         }
         state.advance_to(F_CPU_HZ);
         let text = printed(&mut state, false);
-        assert!(text.contains("995 further error frames"), "{text}");
+        assert_eq!(text.matches("error   error frame").count(), 3, "{text}");
+        assert!(text.contains("error   1000 error frames"), "{text}");
         assert!(
             text.contains("LOST    frame lost, both receive buffers were full: 123#01"),
             "{text}"

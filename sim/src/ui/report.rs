@@ -28,7 +28,8 @@ pub enum Finding {
     Restarted,
     /// Frames for the node were lost, because both receive buffers were full.
     LostFrames,
-    /// The node has neither sent a frame nor fetched one from the MCP2515.
+    /// The node has neither sent a frame nor fetched one from the MCP2515. A program that leaves
+    /// the SPI alone, and is not one of this project, need not.
     NeverSent,
     /// There was a hint.
     Hints,
@@ -44,7 +45,7 @@ impl Finding {
             (state.mistakes.total() > 0, Finding::Mistakes),
             (state.resets_total > 0, Finding::Restarted),
             (state.controller.overflows > 0, Finding::LostFrames),
-            (state.frames_of_node == 0 && state.latency.worst.is_none(), Finding::NeverSent),
+            (state.has_never_sent(), Finding::NeverSent),
             (!state.hints.is_empty(), Finding::Hints),
             (!state.unmodelled.is_empty(), Finding::Unmodelled),
         ];
@@ -150,6 +151,8 @@ pub struct Report {
     /// Last sensors.rpm.RPM of the node.
     rpm: Option<Revolutions>,
     spi: Spi,
+    /// The registers of devices on the two-wire bus that the program has written.
+    i2c: Vec<Registers>,
     budget: Budget,
 }
 
@@ -237,6 +240,14 @@ struct Revolutions {
 }
 
 #[derive(Debug, Serialize)]
+struct Registers {
+    address: u8,
+    /// The register of the first value. The others follow.
+    register: u8,
+    values: Vec<u8>,
+}
+
+#[derive(Debug, Serialize)]
 struct Spi {
     selects: u64,
     bytes: u64,
@@ -253,7 +264,9 @@ struct Budget {
     /// `null` for a chip with a bootloader.
     statics: Option<u32>,
     statics_limit: Option<u32>,
+    /// `null` for a program with several stacks; the lowest stack pointer, too.
     stack: Option<u32>,
+    lowest_sp: Option<u32>,
     statics_and_stack_limit: Option<u32>,
 }
 
@@ -335,12 +348,19 @@ impl Report {
                 selects_per_frame: state.per_node_frame(state.spi.selects),
                 bytes_per_frame: state.per_node_frame(state.spi.bytes),
             },
+            i2c: state
+                .i2c
+                .iter()
+                .cloned()
+                .map(|(address, register, values)| Registers { address, register, values })
+                .collect(),
             budget: Budget {
                 flash: state.memory.flash,
                 flash_limit: limits.map(|limits| limits.flash),
                 statics: state.memory.statics,
                 statics_limit: limits.map(|limits| limits.statics),
                 stack: state.memory.stack,
+                lowest_sp: state.lowest_sp(),
                 statics_and_stack_limit: limits.map(|limits| limits.statics_and_stack),
             },
         }
@@ -469,7 +489,7 @@ mod tests {
         state.advance_to(2 * F_CPU_HZ);
         state.add_mistake(F_CPU_HZ / 2, String::from("CNF1 <- 41h ignored"));
         state.add_mistake(F_CPU_HZ, String::from("CNF1 <- 42h ignored"));
-        state.add_lost_frame(F_CPU_HZ, Frame::standard(0x123, &[1]));
+        state.add_lost_frame(F_CPU_HZ, Frame::standard(0x123, &[1]), "");
         state.add_reset(F_CPU_HZ, String::from("Watchdog"));
         state.add_pulse(2 * F_CPU_HZ - 320_000, 16_000, None);
         state.add_pulse(2 * F_CPU_HZ, 24_000, Some(320_000));
@@ -501,10 +521,12 @@ mod tests {
     fn a_strict_run_fails_for_each_finding_and_says_which() {
         let sent = || {
             let mut state = State::new(1_000_000);
+            state.knows_vendor_code = true;
             state.frames_of_node = 1;
             state
         };
         let mut all = State::new(1_000_000);
+        all.knows_vendor_code = true;
         let mut cases: Vec<(State, &str)> = Vec::new();
         type Change = fn(&mut State);
         let changes: [(Change, &str); 7] = [
@@ -512,7 +534,7 @@ mod tests {
             (|state| state.add_hint(0, String::from("the UART is at 9600 baud")), "hints"),
             (|state| state.frames_of_node = 0, "never_sent"),
             (|state| state.controller.overflows = 1, "lost_frames"),
-            (|state| state.add_jump(0), "restarted"),
+            (|state| state.add_jump(0, ""), "restarted"),
             (|state| state.add_mistake(0, String::from("mistake")), "mistakes"),
             (|state| state.set_crash(0, String::from("gone")), "crashed"),
         ];
@@ -550,7 +572,8 @@ mod tests {
     #[test]
     fn what_is_allowed_is_no_failure_and_is_still_told() {
         let mut state = State::new(1_000_000);
-        state.add_jump(0);
+        state.spi.bytes_elsewhere = 1;
+        state.add_jump(0, "");
         state.add_hint(0, String::from("a hint"));
         let judged = |allowed: &[Finding]| {
             let strict =

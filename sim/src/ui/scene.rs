@@ -21,14 +21,15 @@ use crate::pins::Watched;
 use crate::usage::OrUsage;
 use anyhow::{Context, Result};
 use bench::autopilot::{Autopilot, Moves, Settings};
-use bench::avr::{self, Avr, Firmware, ResetCause, regs};
+use bench::avr::{self, Avr, Firmware, ResetCause};
 use bench::board::Board;
-use bench::budget::{Budget, PAINT};
+use bench::budget::Budget;
 use bench::can::{self, PortId};
 use bench::dronecan::text::visible;
+use bench::findings;
 use bench::i2c;
 use bench::inject::{Injector, Target};
-use bench::mcp2515::Fate;
+use bench::mcp2515::{Fate, LoggedFrame};
 use bench::node_ids::{self, CAN_NODE};
 use bench::pins::Setting;
 use bench::wiring::Wiring;
@@ -39,14 +40,10 @@ use std::path::Path;
 
 /// Value of an erased flash byte.
 const ERASED: u8 = 0xFF;
-/// Symbol of the first byte after the statics, where the paint begins.
-const STACK_BOTTOM_SYMBOL: &str = "__heap_start";
-/// This many equal bytes prove that the program paints its stack: noise does not give them.
-const PAINTED_BYTES: u16 = 16;
 /// Revolutions a minute for a press of a key.
 const SPIN_STEP_RPM: i64 = 600;
-/// Simulated time between two measurements of the stack.
-const STACK_PERIOD: Cycles = F_CPU_HZ / 10;
+/// Simulated time between two measurements of the flash that a bootloader writes.
+const FLASH_PERIOD: Cycles = F_CPU_HZ / 10;
 /// Sender of the fault `same-id` before the first NodeStatus of the node.
 const DEFAULT_NODE_ID: u8 = 120;
 
@@ -81,10 +78,7 @@ pub struct Scene {
     jumps_seen: usize,
     unmodelled_seen: usize,
     findings: Findings,
-    stack_bottom: Option<u16>,
-    /// True once the program has filled its free RAM with paint.
-    stack_is_painted: bool,
-    next_stack_at: Cycles,
+    next_flash_at: Cycles,
     /// True once a fault has disturbed the chip or its SPI: wrong commands from then on are not
     /// the driver's mistakes.
     is_chip_disturbed: bool,
@@ -141,11 +135,12 @@ impl Scene {
                 avr.install_bootloader(loader)?;
             }
             avr.reset(ResetCause::PowerOn);
+            avr.watch_stack();
             anyhow::Ok(avr)
         };
         let knows_vendor_code = firmware.board.is_some();
         let limits = knows_vendor_code.then(|| Budget::of(wiring.chip));
-        let bit_rate = args.bit_rate(&wiring).or_usage()?;
+        let bit_rate = args.bit_rate(&wiring);
         let circuit_inputs_mv = args.circuit_millivolts(&wiring).or_usage()?;
         let shaft_rpm = args.shaft_rpm(&wiring).or_usage()?;
         let avr = powered(first, 0)?;
@@ -161,6 +156,7 @@ impl Scene {
             let id = node_ids::id_of(number - 2).filter(|_| can_have_ids);
             let saved = id.map(|id| {
                 let parameters = [(CAN_NODE, id.into())];
+                let bit_rate = bit_rate.min(wiring.fastest_bit_rate());
                 node_ids::saved(powered(firmware, seed)?, &wiring, bit_rate, &parameters)
             });
             match saved.transpose()?.flatten() {
@@ -198,18 +194,11 @@ impl Scene {
 
         let mut state = State::new(bit_rate);
         state.memory.flash = first.flash.iter().map(|(_, bytes)| bytes.len() as u32).sum();
-        // The bootloader can load another program, so the symbols and statics of this one do not
-        // count.
-        let known = if loader.is_some() { &nothing } else { firmware };
-        state.memory.statics = loader.is_none().then_some(firmware.statics);
+        // The bootloader can load another program, so the statics of this one do not count.
+        let has_statics = loader.is_none() && firmware.has_statics;
+        state.memory.statics = has_statics.then_some(firmware.statics);
         state.memory.limits = limits;
         state.knows_vendor_code = knows_vendor_code;
-        let bottom = known
-            .symbols
-            .get(STACK_BOTTOM_SYMBOL)
-            .and_then(|symbol| u16::try_from(symbol.address).ok());
-        let stack_bottom =
-            bottom.filter(|bottom| (regs::RAMSTART..=wiring.chip.ram_end()).contains(bottom));
         state.report(0, Event::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
         state.wiring = wiring;
         state.escs = Escs::new(&args.escs);
@@ -232,9 +221,7 @@ impl Scene {
             jumps_seen: 0,
             unmodelled_seen: 0,
             findings: Findings::new(boot_section),
-            stack_bottom,
-            stack_is_painted: false,
-            next_stack_at: STACK_PERIOD,
+            next_flash_at: FLASH_PERIOD,
             is_chip_disturbed: false,
             discharge: args.pwr_discharge.map(|minutes| {
                 let [full_mv, _] = circuit_inputs_mv;
@@ -598,6 +585,7 @@ impl Scene {
         }
         for said in self.findings.check(board, self.state.bus.bit_rate, !serial.is_empty()) {
             match said {
+                Said::Hint(_) if self.is_chip_disturbed => {}
                 Said::Hint(text) => self.state.add_hint(now, text),
                 Said::Note(text) => self.state.report(now, Event::Board(text)),
             }
@@ -606,7 +594,9 @@ impl Scene {
         for link in &mut self.links {
             link.serial_output(self.node, &serial);
         }
-        for pulse in board.take_servo_pulses() {
+        let pulses = board.take_servo_pulses().into_iter();
+        let has_servo = !self.findings.is_chip_select(board.wiring().servo);
+        for pulse in pulses.filter(|_| has_servo) {
             self.state.add_pulse(pulse.start, pulse.width_cycles, pulse.period_cycles);
         }
         let outputs = board.take_output_pulses().into_iter();
@@ -619,6 +609,12 @@ impl Scene {
                 self.state.report(at, Event::Pin(text));
             }
         }
+        for (at, text) in self.i2c.take_transactions() {
+            self.state.report(at, Event::I2c(text));
+        }
+        let missing = self.i2c.missing(now).into_iter();
+        missing.for_each(|address| self.state.add_hint(now, nobody_at(address)));
+        self.state.i2c = self.i2c.written();
         self.state.pins = self.watched.iter().map(Watched::text).collect();
         for violation in board.take_violations() {
             let text = format!("{}: {}", violation.source, violation.text);
@@ -639,27 +635,21 @@ impl Scene {
         let jumps = board.avr().jumps_after(self.jumps_seen);
         self.jumps_seen += jumps.len();
         for at in jumps {
-            self.state.add_jump(at);
+            self.state.add_jump(at, after_overrun(board.avr()));
         }
         let resets = board.avr().resets_after(self.resets_seen);
         self.resets_seen += resets.len();
         for reset in resets {
             self.state.add_reset(reset.at, format!("{:?}", reset.cause));
         }
-        if let Some(text) = crash(board.avr().state()) {
+        if let Some(text) = crash(board.avr()) {
             self.state.set_crash(now, text);
         }
-        if now < self.next_stack_at {
+        self.state.memory.stack = board.avr().deepest_stack().map(u32::from);
+        if now < self.next_flash_at {
             return;
         }
-        self.next_stack_at = now + STACK_PERIOD;
-        if let Some(bottom) = self.stack_bottom {
-            self.stack_is_painted = self.stack_is_painted || is_painted(board.avr(), bottom);
-            if self.stack_is_painted {
-                let used = u32::from(board.avr().stack_high_water(PAINT, bottom));
-                self.state.memory.stack = self.state.memory.stack.max(Some(used));
-            }
-        }
+        self.next_flash_at = now + FLASH_PERIOD;
         if let Some(end) = self.application_end {
             let programmed = board.avr().flash()[..end].iter().rposition(|byte| *byte != ERASED);
             self.state.memory.flash = programmed.map_or(0, |last| last as u32 + 1);
@@ -684,20 +674,25 @@ impl Scene {
                 let text = format!("{name}: {}: {}", violation.source, violation.text);
                 self.state.add_mistake(violation.at, text);
             }
-            if let Some(text) = crash(board.avr().state()) {
+            if let Some(text) = crash(board.avr()) {
                 self.state.set_crash(now, format!("{name}: {text}"));
             }
         }
     }
 
     fn collect_from_chip(&mut self) {
+        let now = self.state.now;
         let chip = self.bench.board(self.node).chip();
         let mut chip = chip.borrow_mut();
         for entry in chip.take_frame_log() {
             self.state.frames_for_node += 1;
             match entry.fate {
                 Fate::Cleared(at) => self.state.add_latency(at - entry.received_at),
-                Fate::Lost => self.state.add_lost_frame(entry.received_at, entry.frame),
+                Fate::Lost => {
+                    self.state.add_lost_frame(entry.received_at, entry.frame, lost_by(&entry));
+                    let hint = findings::unwritten_filters(&chip, &entry);
+                    hint.into_iter().for_each(|hint| self.state.add_hint(now, hint));
+                }
             }
         }
         self.state.set_controller(Controller {
@@ -761,19 +756,34 @@ fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<Firmware> {
     Firmware::read_hex(&path).or_usage()
 }
 
-/// True if the program has filled its free RAM, from `bottom` on, with paint. RAM that no program
-/// has written to holds noise.
-fn is_painted(avr: &Avr, bottom: u16) -> bool {
-    let end = bottom.saturating_add(PAINTED_BYTES - 1);
-    end <= avr.chip().ram_end() && avr.sram_range(bottom..=end).iter().all(|byte| *byte == PAINT)
+/// What is added to a consequence of a stack that has run into variables.
+fn after_overrun(avr: &Avr) -> &'static str {
+    if avr.has_stack_overrun() { ", after its stack had run into variables" } else { "" }
+}
+
+fn nobody_at(address: u8) -> String {
+    format!(
+        "nobody acknowledges {address:#04X} on the two-wire bus: --i2c {address:#04X} puts a \
+         device there"
+    )
+}
+
+/// Why the MCP2515 lost a frame.
+fn lost_by(lost: &LoggedFrame) -> &'static str {
+    match (lost.buffer, lost.other_is_full) {
+        (_, true) => "both receive buffers were full",
+        (0, false) => "RXB0 was full, and its bit BUKT lets nothing go on to RXB1, which was empty",
+        _ => "RXB1 was full, and no filter of RXB0, which was empty, passes the frame",
+    }
 }
 
 /// Why the program cannot go on; `None` if it can.
-fn crash(state: avr::State) -> Option<String> {
-    match state {
-        avr::State::Crashed(pc) => {
-            Some(format!("the program counter left the flash that can be read, at {pc:#06x}"))
-        }
+fn crash(avr: &Avr) -> Option<String> {
+    match avr.state() {
+        avr::State::Crashed(pc) => Some(format!(
+            "the program counter left the flash that can be read, at {pc:#06x}{}",
+            after_overrun(avr)
+        )),
         avr::State::Done => Some(String::from("asleep for ever, with interrupts off")),
         avr::State::Running | avr::State::Sleeping => None,
     }
@@ -783,7 +793,7 @@ fn crash(state: avr::State) -> Option<String> {
 mod tests {
     use super::super::traffic::Hidden;
     use super::*;
-    use bench::avr::{Chip, Symbol};
+    use bench::avr::Chip;
     use bench::dronecan::Dialect;
     use clap::Parser;
 
@@ -976,41 +986,6 @@ mod tests {
         assert_eq!(crashes.count(), 1);
     }
 
-    fn scene_with_heap_start(address: u32) -> Scene {
-        let heap_start = Symbol { address, size: 0 };
-        let symbols = [(String::from(STACK_BOTTOM_SYMBOL), heap_start)].into();
-        let firmware = Firmware { flash: vec![(0, IDLE.to_vec())], symbols, ..Firmware::default() };
-        let args = Args::try_parse_from(["sim"]).unwrap();
-        Scene::boot(&firmware, &args).unwrap()
-    }
-
-    /// A C program with a heap has the symbol, too, but does not paint its free RAM.
-    #[test]
-    fn the_stack_is_measured_in_programs_that_paint_it() {
-        let mut scene = scene_with_heap_start(0x200);
-        scene.advance(F_CPU_HZ / 4).unwrap();
-        assert_eq!(scene.state().memory.stack, None);
-        (0x200..=0x4F0).for_each(|address| scene.board().avr_mut().poke_sram(address, PAINT));
-        scene.advance(F_CPU_HZ / 2).unwrap();
-        assert_eq!(scene.state().memory.stack, Some(15));
-        (0x200..=0x4F0).for_each(|address| scene.board().avr_mut().poke_sram(address, 0));
-        scene.advance(F_CPU_HZ).unwrap();
-        assert_eq!(
-            scene.state().memory.stack,
-            Some(0x300),
-            "it has been painted, so this was the stack"
-        );
-    }
-
-    #[test]
-    fn a_heap_symbol_outside_the_ram_gives_no_stack() {
-        for address in [0, 0x4F8, 0x4FF, 0x500, 0x900, 0xFFFF, 0x1_0200] {
-            let mut scene = scene_with_heap_start(address);
-            scene.advance(F_CPU_HZ / 4).unwrap();
-            assert_eq!(scene.state().memory.stack, None, "{address:#x}");
-        }
-    }
-
     #[test]
     fn the_board_is_announced_first_and_has_the_limits_of_its_chip() {
         let program = vec![(0, IDLE.to_vec())];
@@ -1031,9 +1006,8 @@ mod tests {
         // Options replace what the program says.
         let scene = Scene::boot(&firmware, &args("sim --shield sparkfun")).unwrap();
         assert_eq!((scene.state().wiring.crystal_mhz, scene.state().bus.bit_rate), (16, 1_000_000));
-        let error =
-            Scene::boot(&firmware, &args("sim --bit-rate 1000000")).err().unwrap().to_string();
-        assert!(error.contains("a crystal of 8 MHz does at most 500000"), "{error}");
+        let scene = Scene::boot(&firmware, &args("sim --bit-rate 1000000")).unwrap();
+        assert_eq!(scene.state().bus.bit_rate, 1_000_000, "the bus can be too fast for the board");
         // A program without the section `.board` is not of this project, and has no limits.
         let firmware = Firmware { flash: program, ..Firmware::default() };
         let scene = Scene::boot(&firmware, &args("sim --mcu atmega328p")).unwrap();

@@ -8,7 +8,7 @@ use super::escs::{Escs, Throttle};
 use super::history::Log;
 use super::measured::Measured;
 use super::mistakes::Mistakes;
-use super::traffic::{Origin, Traffic, TrafficLine};
+use super::traffic::{ERROR_FRAME, Origin, Traffic, TrafficLine};
 use crate::fault::Fault;
 use bench::board::SpiUse;
 use bench::budget::Budget;
@@ -54,7 +54,7 @@ pub enum Event {
     Mistake(String),
     /// A probable error in the program or in its settings, for its author.
     Hint(String),
-    /// A frame that passed the filters and was lost, because both receive buffers were full.
+    /// A frame that passed the filters and was lost, and why.
     Lost(String),
     /// The node's program cannot go on.
     Crash(String),
@@ -74,6 +74,8 @@ pub enum Event {
     Light(u32),
     /// A watched pin has changed, or a pin was set.
     Pin(String),
+    /// A transaction on the two-wire bus.
+    I2c(String),
 }
 
 /// Pulses on the servo output.
@@ -164,7 +166,7 @@ pub struct Memory {
     /// .data + .bss; `None` for a chip with a bootloader, because an update can have replaced the
     /// program.
     pub statics: Option<u32>,
-    /// Deepest stack so far; `None` for a program that does not paint its stack.
+    /// Deepest stack so far; `None` for a program with several.
     pub stack: Option<u32>,
     /// Limits of this project; `None` for a program without the ELF section `.board`.
     pub limits: Option<Budget>,
@@ -233,6 +235,9 @@ pub struct State {
     pub hints: Vec<String>,
     /// What the program used of the processor that is not modelled exactly, each once.
     pub unmodelled: Vec<String>,
+    /// What the program has written to devices on the two-wire bus: address, first register,
+    /// values.
+    pub i2c: Vec<(u8, u8, Vec<u8>)>,
     /// Frames that the node lost, the first `LOST_FRAMES_MAX`.
     pub lost_frames: Vec<(Cycles, Frame)>,
     /// Frames that passed the node's filters, including lost ones.
@@ -373,6 +378,19 @@ impl State {
         }
     }
 
+    /// True if the node should have sent or fetched a frame, and has not. A sketch that uses
+    /// neither the SPI nor CS has no CAN; a program of this project always has.
+    pub fn has_never_sent(&self) -> bool {
+        let SpiUse { selects, bytes, bytes_elsewhere } = self.spi;
+        let has_can = self.knows_vendor_code || selects + bytes + bytes_elsewhere > 0;
+        has_can && self.frames_of_node == 0 && self.latency.worst.is_none()
+    }
+
+    /// Lowest stack pointer so far, if the depth of the stack is known.
+    pub fn lowest_sp(&self) -> Option<u32> {
+        Some(u32::from(self.wiring.chip.ram_end()).saturating_sub(self.memory.stack?))
+    }
+
     /// `count` divided by the number of frames that the node received and sent; `None` if there
     /// were no frames.
     pub fn per_node_frame(&self, count: u64) -> Option<f64> {
@@ -381,14 +399,11 @@ impl State {
     }
 
     /// Adds and reports a frame that the node lost.
-    pub fn add_lost_frame(&mut self, at: Cycles, frame: Frame) {
+    pub fn add_lost_frame(&mut self, at: Cycles, frame: Frame, why: &str) {
         if self.lost_frames.len() < LOST_FRAMES_MAX {
             self.lost_frames.push((at, frame));
         }
-        self.report(
-            at,
-            Event::Lost(format!("frame lost, both receive buffers were full: {frame}")),
-        );
+        self.report(at, Event::Lost(format!("frame lost, {why}: {frame}")));
     }
 
     /// Counts and reports a reset of the AVR.
@@ -411,14 +426,15 @@ impl State {
     }
 
     /// Adds a start of the program that no reset caused.
-    pub fn add_jump(&mut self, at: Cycles) {
+    pub fn add_jump(&mut self, at: Cycles, why: &str) {
         self.resets_total += 1;
         if self.resets.len() < RESETS_MAX {
             self.resets.push((at, String::from("Jump")));
         }
-        let text =
-            "the program jumped to its start without a reset: its registers keep their values";
-        self.report(at, Event::Reset(String::from(text)));
+        let text = format!(
+            "the program jumped to its start without a reset{why}: its registers keep their values"
+        );
+        self.report(at, Event::Reset(text));
     }
 
     /// The hints and the features that are not modelled exactly, in the words of the screen.
@@ -488,7 +504,7 @@ impl State {
                     text += &format!(", {station} was sending");
                 }
                 self.report(record.end, Event::ErrorFrame(text.clone()));
-                self.add_broken(record.end, "-", "error frame", text);
+                self.add_broken(record.end, "-", ERROR_FRAME, text);
             }
         }
     }

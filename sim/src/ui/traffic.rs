@@ -30,6 +30,9 @@ pub enum Origin {
     Broken,
 }
 
+/// Name of a line of an error frame.
+pub const ERROR_FRAME: &str = "error frame";
+
 /// One transfer, foreign frame or error frame on the bus.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TrafficLine {

@@ -31,6 +31,37 @@ pub struct SpiUse {
     pub bytes_elsewhere: u64,
 }
 
+/// How a program uses a pin together with the SPI.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct PinUse {
+    /// Falling edges.
+    pub falls: u32,
+    /// Low phases with a byte on the SPI.
+    pub with_bytes: u32,
+    /// Bytes on the SPI while the pin was high, after its first edge.
+    pub bytes_high: u64,
+    /// All bytes on the SPI at the last edge.
+    pub at_edge: u64,
+}
+
+impl PinUse {
+    /// Counts an edge, after so many bytes.
+    pub fn edge(&mut self, level: bool, bytes: u64) {
+        let passed = bytes - std::mem::replace(&mut self.at_edge, bytes);
+        if level {
+            self.with_bytes += u32::from(passed > 0);
+        } else {
+            self.bytes_high += passed;
+            self.falls += 1;
+        }
+    }
+
+    /// True for a chip select: bytes pass while it is low, each time, and never while it is high.
+    pub fn is_select(self) -> bool {
+        self.with_bytes > 0 && self.bytes_high == 0 && self.falls <= 2 * self.with_bytes
+    }
+}
+
 /// An event that a probe on the board's wires records. A level is true if it is high.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum WireEvent {

@@ -85,26 +85,38 @@ fn compile(chip: Chip, name: &str, defines: &[&str], options: &[&str]) -> Result
 /// it, just powered on.
 #[track_caller]
 pub fn sketch(name: &str) -> Avr {
+    let firmware = build("avr-gcc", |line| sketch_arguments(line, name, &[]));
+    Avr::with_firmware(&firmware.expect("an ELF file")).expect("a program that fits")
+}
+
+/// The same to a file.
+#[track_caller]
+pub fn sketch_to(elf: &Path, name: &str, defines: &[&str]) {
+    let mut line = Command::new("avr-gcc");
+    sketch_arguments(&mut line, name, defines);
+    assert!(line.arg("-o").arg(elf).status().expect("avr-gcc").success(), "{line:?} fails");
+}
+
+fn sketch_arguments(line: &mut Command, name: &str, defines: &[&str]) {
     let arduino = Path::new("/usr/share/arduino/hardware/arduino/avr");
     assert!(arduino.exists(), "arduino-core-avr is missing: \"make test\" installs it");
     let folders = ["cores/arduino", "variants/standard", "libraries/Wire/src"];
-    let core = "main.cpp hooks.c wiring.c wiring_digital.c Print.cpp Stream.cpp abi.cpp";
-    let firmware = build("avr-gcc", |line| {
-        line.args([
-            "-mmcu=atmega328p",
-            "-std=gnu++11",
-            "-DF_CPU=16000000UL",
-            "-DARDUINO=10819",
-            "-Os",
-            "-w",
-        ])
-        .args(["-fpermissive", "-ffunction-sections", "-Wl,--gc-sections"])
-        .args(folders.map(|folder| format!("-I{}", arduino.join(folder).display())))
-        .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.cpp")))
-        .args(core.split(' ').map(|file| arduino.join(folders[0]).join(file)))
-        .args(["Wire.cpp", "utility/twi.c"].map(|file| arduino.join(folders[2]).join(file)));
-    });
-    Avr::with_firmware(&firmware.expect("an ELF file")).expect("a program that fits")
+    let core = "main.cpp hooks.c wiring.c wiring_digital.c Print.cpp Stream.cpp abi.cpp \
+                HardwareSerial.cpp HardwareSerial0.cpp";
+    line.args([
+        "-mmcu=atmega328p",
+        "-std=gnu++11",
+        "-DF_CPU=16000000UL",
+        "-DARDUINO=10819",
+        "-Os",
+        "-w",
+    ])
+    .args(["-fpermissive", "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"])
+    .args(folders.map(|folder| format!("-I{}", arduino.join(folder).display())))
+    .args(defines.iter().map(|define| format!("-D{define}")))
+    .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.cpp")))
+    .args(core.split_whitespace().map(|file| arduino.join(folders[0]).join(file)))
+    .args(["Wire.cpp", "utility/twi.c"].map(|file| arduino.join(folders[2]).join(file)));
 }
 
 /// Calls a compiler in a directory of its own, and reads what it makes.

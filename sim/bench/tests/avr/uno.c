@@ -2,7 +2,7 @@
  * each 100 ms, and a line on the serial port. It uses only avr-libc.
  * UBRR: baud rate register of the serial port. MODE: mode of the controller. LISTENER: sends no frame, and fetches those of
  * others from RXB0. SD_CARD: also sends bytes to another device on the
- * SPI, with its CS on D8. INT_ON_D3: the controller's INT requests an interrupt, and the program waits for it on D3. */
+ * SPI, with its CS on D8. MASKS: the masks are 0, and the filters as after power-on. RXB0: value of RXB0CTRL. INT_ON_D3: the controller's INT requests an interrupt, and the program waits for it on D3. */
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <util/delay.h>
@@ -22,6 +22,7 @@
 #define TXB0CTRL 0x30
 #define TXREQ 0x08
 #define RXB0CTRL 0x60
+#define RXM0SIDH 0x20
 #define READ_RXB0 0x90
 #define CANINTF 0x2C
 #define RX0IF 0x01
@@ -149,6 +150,12 @@ int main(void)
     write(CNF3, 0x82);
 #ifdef LISTENER
     write(RXB0CTRL, 0x60);
+#endif
+#ifdef MASKS
+    for (uint8_t address = RXM0SIDH; address < RXM0SIDH + 8; address++) { write(address, 0); }
+#endif
+#ifdef RXB0
+    write(RXB0CTRL, RXB0);
 #endif
 #ifdef INT_ON_D3
     write(CANINTE, TX0IE);
