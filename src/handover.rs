@@ -25,6 +25,11 @@ pub const HEADER_LEN: usize = 8;
 /// it and the two bytes behind it. The loader starts no program without them.
 pub const HEADER_LENGTH: usize = 4;
 
+/// Added to the major hardware version in the response of GetNodeInfo while the node takes no
+/// updates over the bus, so that no server has a file for it. PX4 would ask again every 250 ms
+/// after a refusal, and not arm. The header has the version of the board at all times.
+pub const TAKES_NO_UPDATES: u8 = 0x80;
+
 /// Byte address of the software version of the program, as in the response of GetNodeInfo: major,
 /// minor, flags, commit.
 pub const SOFTWARE_VERSION: u16 = 0x71;

@@ -30,7 +30,8 @@ pub enum Sending {
 pub enum Form {
     /// All bytes are kept.
     Kept,
-    /// Seven kept bytes, the versions, the unique ID, the name (GetNodeInfo).
+    /// Seven kept bytes, the versions, the unique ID, the name (GetNodeInfo). With updates over the
+    /// bus, an eighth kept byte is added to the major hardware version.
     NodeInfo,
     /// A parameter (GetSet).
     Parameter,
@@ -223,7 +224,12 @@ impl Payload {
                     }
                     skipped += 16;
                 }
-                flash.information(information::index_of(at - skipped))
+                let at = at - skipped;
+                let byte = flash.information(information::index_of(at));
+                if update::IS_THERE && at == information::HARDWARE_AT {
+                    return byte | self.kept(STATUS_LEN);
+                }
+                byte
             }
             Form::Parameter => self.parameter.byte(at, flash),
             Form::Text if !update::HAS_TEXTS || at == 0 => self.kept(0),

@@ -7,7 +7,7 @@ use super::services::{ANSWERS_WHILE_SAVING, Pending, Reply, Response};
 use crate::hardware::{CanCounters, OUTPUTS};
 use crate::monitor::{self, Line, Words};
 use crate::parts::stats;
-use crate::parts::update::{HAS_TEXTS, Verdict};
+use crate::parts::update::{self, HAS_TEXTS, Verdict};
 use crate::tables::condition::Conditions;
 use crate::tables::parameters::Conflict;
 use crate::tables::wire::Transfer;
@@ -39,6 +39,9 @@ impl Node {
         context: &mut Response<C, P>,
     ) -> bool {
         self.put_status(context.now_ms);
+        if update::IS_THERE {
+            self.transmission.outgoing.put8(self.update.mark());
+        }
         self.transmission.outgoing.payload.form = Form::NodeInfo;
         self.transmission.outgoing.payload.len = information::NODE_INFO_LEN;
         true

@@ -8,7 +8,7 @@
 use dronecan_wire::crc;
 
 use crate::eeprom::{Address, Eeprom};
-use crate::handover::{BUS, BUS_LEN, CRC_START, PATH_LEN, REQUEST_LEN};
+use crate::handover::{BUS, BUS_LEN, CRC_START, PATH_LEN, REQUEST_LEN, TAKES_NO_UPDATES};
 use crate::tables::parameters::{Parameter, Parameters};
 use crate::tables::wire::Transfer;
 use crate::tables::{bit_rate, information};
@@ -81,6 +81,11 @@ impl Update {
     pub fn start(&mut self, has_loader: bool) {
         self.has_loader = has_loader;
         self.is_record_due = has_loader;
+    }
+
+    /// What is added to the major hardware version.
+    pub fn mark(&self) -> u8 {
+        if self.has_loader { 0 } else { TAKES_NO_UPDATES }
     }
 
     /// Notes that the parameters were saved.

@@ -1,16 +1,20 @@
 //! The constant part of a GetNodeInfo response (DSDL uavcan/protocol/1.GetNodeInfo.uavcan).
 
-use crate::handover::{DESCRIPTOR_LEN, HEADER_LEN, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION_LEN};
+use crate::handover::{
+    DESCRIPTOR_LEN, HEADER_LEN, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION_LEN, TAKES_NO_UPDATES,
+};
 use crate::hardware::{HARDWARE_MAJOR, HARDWARE_MINOR, NODE_NAME as NAME};
 
 /// Bytes of software and hardware version in a GetNodeInfo response.
 pub const VERSIONS_LEN: u8 = 17;
 
-/// True if the program has an application descriptor, by which file servers know its file.
+/// True if the program takes updates over the bus. It has an application descriptor, by which file
+/// servers know its file.
 const HAS_DESCRIPTOR: bool = cfg!(feature = "update");
-/// Index of the CRC of the image among the versions, and of the hardware version behind it.
+/// Index of the CRC of the image among the versions.
 const CRC_AT: u8 = SOFTWARE_VERSION_LEN as u8;
-const HARDWARE_AT: u8 = CRC_AT + IMAGE_CRC_LEN as u8;
+/// Index of the hardware version among the versions, behind the CRC of the image.
+pub const HARDWARE_AT: u8 = CRC_AT + IMAGE_CRC_LEN as u8;
 /// Bytes of the descriptor before and behind the CRC of the image.
 const BEFORE_CRC: u8 = if HAS_DESCRIPTOR { IMAGE_CRC as u8 } else { 0 };
 const BEHIND_CRC: u8 =
@@ -97,7 +101,8 @@ pub const PACKED: [u8; LEN] = {
         [packed[rest + 6], packed[rest + 7]] = [HARDWARE_MINOR, HARDWARE_MAJOR];
     }
     let hardware = index_of(HARDWARE_AT) as usize;
-    [packed[hardware], packed[hardware + 1]] = [HARDWARE_MAJOR, HARDWARE_MINOR];
+    let mark = if HAS_DESCRIPTOR { 0 } else { TAKES_NO_UPDATES };
+    [packed[hardware], packed[hardware + 1]] = [HARDWARE_MAJOR | mark, HARDWARE_MINOR];
     let mut at = NAME_AT as usize;
     let mut n = 0;
     while n < NAME.len() {

@@ -2,6 +2,9 @@
 
 use std::collections::HashSet;
 
+use bench::avr::Firmware;
+use bench::node_elf;
+
 use crate::support::update_bench::*;
 
 /// Mission Planner sends BeginFirmwareUpdate, in one frame, after a GetNodeInfo response whose name
@@ -213,6 +216,31 @@ fn a_board_whose_unique_id_is_damaged_is_one_node() {
         bench.run_ms(FIRST_START_MS + 1000);
         println!("{at:02X}");
         update_of_one_node(&mut bench);
+    }
+}
+
+/// PX4 asked the preset `default` 51 times in 13 s with the file of `remote`, which has the same
+/// board, and did not arm meanwhile.
+#[test]
+fn px4_asks_no_program_that_takes_no_updates() {
+    let default = node_elf().unwrap_or_else(|error| panic!("{error:#}"));
+    for (has_loader, elf) in [(true, elf()), (true, default), (false, elf())] {
+        let firmware = Firmware::read(&elf).unwrap_or_else(|error| panic!("{error:#}"));
+        let mut bench = if has_loader {
+            UpdateBench::with(&firmware.flash, &[], board().fastest_bit_rate())
+        } else {
+            UpdateBench::without_loader(&firmware)
+        };
+        bench.wait_for_program(3000);
+        let info = bench.call(GET_NODE_INFO, &[]);
+        let takes_updates = has_loader && bench.begin_update("fw.bin") == OK;
+        let [major, minor] = [file()[HEADER], file()[HEADER + 1]];
+        // A newer build of the same board.
+        let mut newer = file();
+        newer[0x80] ^= 1;
+        let mut card = Card::new(&format!("{}.bin", u16::from_be_bytes([major, minor])), newer);
+        assert_eq!(card.look_at(&info), takes_updates, "{} {has_loader}", elf.display());
+        assert_eq!(card.due.is_empty(), !takes_updates);
     }
 }
 

@@ -17,6 +17,8 @@ const LISTEN: Duration = Duration::from_millis(2500);
 /// sends NodeStatus within a second then. One that reads a file from a program that was stopped
 /// sends a request each three seconds.
 const LISTEN_IF_SILENT: Duration = Duration::from_secs(5);
+/// This bit of the major hardware version says that the node takes no updates (docs/update.md).
+const TAKES_NO_UPDATES: u8 = 0x80;
 /// The names of this project's nodes begin with this. A bootloader has no name.
 const NAME: &str = "org.dronecan.servo";
 
@@ -240,6 +242,14 @@ pub fn why_unsuitable(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
         return Some(format!("is another device: {}", info.name()));
     }
     let ((major, minor), (file_major, file_minor)) = (info.hardware, file.hardware);
+    if major & TAKES_NO_UPDATES != 0 {
+        return Some(
+            "takes no update over the bus: its program lacks the feature \"update\" (ATmega168: \
+             FEATURES=remote), or its board the loader of \"make bootloader\". Upload one through \
+             the serial port"
+                .to_owned(),
+        );
+    }
     (info.hardware != file.hardware).then(|| {
         format!(
             "has hardware {major}.{minor}, and the file is for {file_major}.{file_minor}: build \
@@ -268,6 +278,7 @@ mod tests {
             (2, Seen::default()),
             (42, node("org.dronecan.servo328", (2, 1))),
             (43, node("org.dronecan.servo168", (1, 0))),
+            (45, node("org.dronecan.servo328", (0x82, 1))),
             // A node in its bootloader.
             (120, node("", (2, 1))),
         ])
@@ -281,7 +292,7 @@ mod tests {
     fn all_selects_each_node_of_this_project_with_the_hardware_of_the_file() {
         let chosen = choose_all(fleet(), &file_of(1000));
         assert_eq!(ids(chosen.nodes.unwrap()), [42, 120]);
-        assert_eq!(chosen.others.len(), 3);
+        assert_eq!(chosen.others.len(), 4);
         assert!(choose_all(BTreeMap::new(), &file_of(1000)).nodes.is_err());
     }
 
@@ -300,7 +311,8 @@ mod tests {
         assert!(refused(1).contains("another device: org.ardupilot"));
         assert!(refused(2).contains("does not answer"));
         assert!(refused(43).contains("has hardware 1.0, and the file is for 2.1"));
-        assert!(refused(44).contains("not on the bus. Nodes that are: 1, 2, 42, 43, 120"));
+        assert!(refused(45).contains("takes no update over the bus"));
+        assert!(refused(44).contains("not on the bus. Nodes that are: 1, 2, 42, 43, 45, 120"));
         assert!(choose_one(&fleet(), id(120), &file_of(1000)).is_ok());
     }
 

@@ -202,7 +202,7 @@ fn golden_parameters_come_out_byte_for_byte() {
 
 #[test]
 fn the_answer_to_get_node_info_has_status_versions_unique_id_and_name() {
-    let mut outgoing = kept(&[0x0A, 0, 0, 0, 0, 0, 0]);
+    let mut outgoing = kept(&[0x0A, 0, 0, 0, 0, 0, 0, 0x80]);
     outgoing.payload.form = Form::NodeInfo;
     outgoing.payload.len = information::NODE_INFO_LEN;
     begin(&mut outgoing, 0x1E01_7FF8, 3, golden::GET_NODE_INFO);
@@ -216,7 +216,7 @@ fn the_answer_to_get_node_info_has_status_versions_unique_id_and_name() {
     assert_eq!(payload[9], u8::from(commit != 0), "whether there is a commit");
     assert_eq!(payload[10..14], commit.to_le_bytes());
     assert_eq!(payload[14..22], [0; 8], "no CRC of the image");
-    assert_eq!(payload[22..24], [HARDWARE_MAJOR, HARDWARE_MINOR], "hardware");
+    assert_eq!(payload[22..24], [HARDWARE_MAJOR | 0x80, HARDWARE_MINOR], "it takes no updates");
     assert_eq!(payload[24..40], UNIQUE_ID);
     assert_eq!(payload[40], 0, "no certificate");
     assert_eq!(&payload[41..], NODE_NAME.as_bytes());

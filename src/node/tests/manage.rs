@@ -74,10 +74,24 @@ fn get_node_info_is_answered_with_the_status_of_the_moment() {
     let (payload, transfer_id) = golden::payload(golden::GET_NODE_INFO, &replies);
     assert_eq!(transfer_id, 3);
     assert_eq!(payload[..7], [10, 0, 0, 0, 0x40, 1, 0]);
-    assert_eq!(payload[22..24], [HARDWARE_MAJOR, HARDWARE_MINOR], "hardware");
+    assert_eq!(payload[22..24], [HARDWARE_MAJOR | 0x80, HARDWARE_MINOR], "it takes no updates");
     assert_eq!(payload[24..40], *rig.program.node.unique_id());
     assert_eq!(payload[40], 0, "no certificate");
     assert_eq!(&payload[41..], NODE_NAME.as_bytes());
+}
+
+/// A server has a file for the version of the board, and PX4 repeats a request that is refused.
+#[cfg(feature = "update")]
+#[test]
+fn only_a_node_that_takes_updates_tells_the_hardware_version_of_the_board() {
+    for (has_loader, major) in [(false, HARDWARE_MAJOR | 0x80), (true, HARDWARE_MAJOR)] {
+        let mut rig = Rig::new();
+        rig.program.node.update.start(has_loader);
+        rig.run(1100);
+        let replies = rig.ask_frames(&golden::frames("1E01F8FF C3"));
+        let (payload, _) = golden::payload(golden::GET_NODE_INFO, &replies);
+        assert_eq!(payload[22..24], [major, HARDWARE_MINOR]);
+    }
 }
 
 #[cfg(feature = "standard")]

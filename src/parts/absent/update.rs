@@ -48,6 +48,11 @@ impl Update {
     /// Does nothing.
     pub fn start(&mut self, _has_loader: bool) {}
 
+    /// 0: the version in flash has it.
+    pub fn mark(&self) -> u8 {
+        0
+    }
+
     /// Does nothing.
     pub fn parameters_are_saved(&mut self) {}
 

@@ -163,6 +163,16 @@ impl UpdateBench {
         UpdateBench::with(&firmware.flash, &[], board().fastest_bit_rate())
     }
 
+    /// A board with another bootloader and this firmware, which has never started.
+    pub fn without_loader(firmware: &Firmware) -> UpdateBench {
+        let mut avr =
+            Avr::programmed(board().chip, firmware).unwrap_or_else(|error| panic!("{error:#}"));
+        avr.reset(ResetCause::PowerOn);
+        let mut bench = UpdateBench::of(avr, Options::default());
+        bench.run_ms(FIRST_START_MS);
+        bench
+    }
+
     /// A board with the bootloader, which is on the bus.
     pub fn with_options(options: Options) -> UpdateBench {
         let start_ms = start_ms(options.eeprom);
@@ -173,22 +183,27 @@ impl UpdateBench {
 
     /// A board with the bootloader, powered up now.
     pub fn powered_up(options: Options) -> UpdateBench {
-        let Options { flash, eeprom, bit_rate, server_sends_status } = options;
         let loader = bootloader(&board())
             .and_then(|hex| Firmware::read_hex(&hex))
             .unwrap_or_else(|error| panic!("{error:#}"));
         let wiring = board();
         let mut avr =
             Avr::programmed(wiring.chip, &loader).unwrap_or_else(|error| panic!("{error:#}"));
-        for (address, bytes) in flash {
+        for (address, bytes) in options.flash {
             avr.load_flash(*address, bytes);
         }
-        avr.set_eeprom(eeprom);
+        avr.set_eeprom(options.eeprom);
         avr.set_reset_vector(loader.flash[0].0 as u32);
         avr.reset(ResetCause::PowerOn);
+        UpdateBench::of(avr, options)
+    }
+
+    /// A bench with this board.
+    fn of(avr: Avr, options: Options) -> UpdateBench {
+        let Options { eeprom, bit_rate, server_sends_status, .. } = options;
         let mut bench = Bench::new(bit_rate);
         bench.add_board(
-            Board::wired(avr, &wiring).unwrap_or_else(|error| panic!("{error:#}")),
+            Board::wired(avr, &board()).unwrap_or_else(|error| panic!("{error:#}")),
             "node",
         );
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
