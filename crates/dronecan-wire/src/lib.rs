@@ -6,6 +6,7 @@
 mod bits;
 pub mod crc;
 pub mod esc;
+pub mod fields;
 pub mod float16;
 #[cfg(any(test, feature = "golden"))]
 pub mod golden;
@@ -13,6 +14,7 @@ mod length;
 mod node_id;
 pub mod receive;
 pub mod send;
+pub mod signature;
 pub mod types;
 
 pub use bits::{Id, Tail};

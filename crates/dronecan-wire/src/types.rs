@@ -1,7 +1,8 @@
 //! The standard data types: ID and CRC seed of each message and service.
 //!
 //! Source: the public DSDL, namespaces `uavcan`, `dronecan` and `ardupilot`; signatures computed by
-//! pydronecan 1.0.27. For your own types use [`Message::new`] and [`Service::new`].
+//! pydronecan 1.0.27. For your own types use [`Message::new`] and [`Service::new`] with
+//! [`signature::of`](crate::signature::of).
 
 use crate::crc;
 
