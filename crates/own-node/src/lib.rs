@@ -267,14 +267,19 @@ impl<C: Can, S: Storage> Node<C, S> {
         let segment = Segment::read(Id::from(id), frame.data(), self.node_id).ok()?;
         let actuator = self.values[ACTUATOR_ID] as u8;
         match self.receiver.accept(segment, actuator, now_ms as u16) {
-            Verdict::Message(message) => match (message.kind, message.payload()) {
-                // The number of the actuator, the unit (0: its travel), and a float16.
-                (Kind::ArrayCommand, &[_, 0, low, high]) => {
+            Verdict::Message(message) => match message.kind {
+                Kind::ArrayCommand => {
+                    // The number of the actuator, the unit (0: its travel), and a float16.
+                    let &[_, 0, low, high] = message.payload() else { return None };
                     let travel = float16::to_fixed(u16::from_le_bytes([low, high]), 10);
                     let thousandths = i32::from(travel) * 1000 / 1024;
                     Some(Action::Move(thousandths.clamp(-1000, 1000) as i16))
                 }
-                _ => None,
+                Kind::Unknown
+                | Kind::GetNodeInfo
+                | Kind::RestartNode
+                | Kind::GetSet
+                | Kind::ExecuteOpcode => None,
             },
             // A client that sends the next request before the response is complete repeats it.
             Verdict::Request(request) if !self.response.sender.is_busy() => {
