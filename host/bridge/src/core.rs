@@ -145,7 +145,7 @@ impl Bridge {
             }
             CanId::Message { source, .. } => {
                 if let Some(status) = NodeStatus::decode(&transfer.payload) {
-                    self.node_status(now, source, status);
+                    self.node_status(now, source, status, transfer.transfer_id);
                 }
             }
             CanId::Service { request: true, service_id, source, priority, .. } => {
@@ -162,9 +162,9 @@ impl Bridge {
         }
     }
 
-    fn node_status(&mut self, now: Duration, id: NodeId, status: NodeStatus) {
+    fn node_status(&mut self, now: Duration, id: NodeId, status: NodeStatus, sent: TransferId) {
         let was_online = self.state.nodes.get(&id).is_some_and(|node| node.is_online);
-        let change = self.state.note_status(now, id, status);
+        let change = self.state.note_status(now, id, status, sent);
         if change == NodeChange::Restarted {
             self.commands.restarted(&mut self.state, id);
         }

@@ -2,16 +2,24 @@
 
 use crate::number::Number;
 use crate::{names, task::Op};
-use dronecan_host::{NodeInfo, NodeStatus, ParameterResponse};
+use dronecan_host::{NodeInfo, NodeStatus, ParameterResponse, TransferId};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
+
+/// Transfer IDs have 5 bits.
+const TRANSFER_IDS: u8 = 32;
+/// Uptime in which a restart can leave no trace in the uptime.
+const FIRST_S: u32 = 1;
+/// CAN repeats a frame at once. A restart takes longer.
+const REPEATED_WITHIN: Duration = Duration::from_millis(20);
 
 /// A node that has sent a NodeStatus.
 #[derive(Debug)]
 pub struct Node {
     pub status: NodeStatus,
-    /// Time of its last status.
+    /// Time and transfer ID of its last status.
     pub heard: Duration,
+    pub transfer_id: TransferId,
     pub is_online: bool,
     /// The uptime before it last decreased. If later statuses fit both uptimes, two nodes have the
     /// ID.
@@ -33,10 +41,11 @@ pub struct Node {
 
 impl Node {
     /// A node that has sent its first status.
-    pub fn new(status: NodeStatus, now: Duration) -> Node {
+    pub fn new(status: NodeStatus, transfer_id: TransferId, now: Duration) -> Node {
         Node {
             status,
             heard: now,
+            transfer_id,
             is_online: true,
             other_uptime: None,
             conflict_logged_at: None,
@@ -52,6 +61,16 @@ impl Node {
     /// The uptime in the last status.
     pub fn uptime(&self) -> Uptime {
         Uptime { seconds: self.status.uptime_s, at: self.heard }
+    }
+
+    /// True if a status shows that the node began anew within the first seconds of its uptime,
+    /// which has not gone back then: the transfer ID has. The same one at once is a frame that the
+    /// bus repeated.
+    pub fn began_anew(&self, now: Duration, status: &NodeStatus, transfer_id: TransferId) -> bool {
+        let ahead = transfer_id.get().wrapping_sub(self.transfer_id.get()) % TRANSFER_IDS;
+        let is_repeated = ahead == 0 && now < self.heard + REPEATED_WITHIN;
+        let is_behind = ahead == 0 || ahead >= TRANSFER_IDS / 2;
+        status.uptime_s <= FIRST_S && self.is_online && is_behind && !is_repeated
     }
 
     /// Its name, if it has answered GetNodeInfo.

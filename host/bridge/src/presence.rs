@@ -40,16 +40,19 @@ impl State {
         now: Duration,
         id: NodeId,
         status: NodeStatus,
+        transfer_id: TransferId,
     ) -> NodeChange {
         let known = self
             .nodes
             .entry(id)
-            .or_insert_with(|| Node { is_online: false, ..Node::new(status, now) });
+            .or_insert_with(|| Node { is_online: false, ..Node::new(status, transfer_id, now) });
         let appeared = !known.is_online;
         // Two nodes with one ID look like one node that restarts each second.
         let is_other = known.other_uptime.is_some_and(|other| other.fits(now, &status))
             && !known.uptime().fits(now, &status);
-        let restarted = status.uptime_s < known.status.uptime_s && !is_other;
+        let goes_back =
+            status.uptime_s < known.status.uptime_s || known.began_anew(now, &status, transfer_id);
+        let restarted = goes_back && !is_other;
         if is_other || restarted {
             known.other_uptime = Some(known.uptime());
         }
@@ -62,6 +65,7 @@ impl State {
         }
         known.status = status;
         known.heard = now;
+        known.transfer_id = transfer_id;
         known.is_online = true;
         known.statuses += 1;
         if is_new_conflict {

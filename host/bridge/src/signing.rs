@@ -35,6 +35,10 @@ const TIMESTAMP_MAX: u64 = (1 << 48) - 1;
 const ORIGIN_S: u64 = 1_420_070_400;
 /// How much older than the newest timestamp the first message of a stream may be.
 const NEW_WITHIN: u64 = 60 * UNITS_PER_S;
+/// How far ahead of the clocks a timestamp may be: a day, for clocks with the time of another zone.
+const AHEAD_AT_MOST: u64 = 24 * 60 * 60 * UNITS_PER_S;
+/// The latest timestamp that is accepted while no clock is known: half of all, in 2059.
+const LATEST_WITHOUT_CLOCK: u64 = TIMESTAMP_MAX / 2;
 /// Streams that are kept. Only holders of the key make streams.
 const STREAMS_MAX: usize = 1024;
 
@@ -45,6 +49,9 @@ pub enum Rejection {
     Unsigned,
     /// It was made with another key.
     OtherKey,
+    /// The key is right, but the timestamp is more than a day ahead of the clocks. It would shut
+    /// out all stations whose clock is right.
+    Future,
     /// The key is right, but the timestamp is not newer than the ones that count: the message comes
     /// a second time, or the station's clock is late.
     Old,
@@ -75,8 +82,17 @@ impl Signing {
     /// # Errors
     /// If the file cannot be read or written, has another content, or is another bridge's.
     pub fn with_file(key: [u8; 32], path: &Path) -> anyhow::Result<Signing> {
-        let (file, times) = TimesFile::open(path)?;
+        let (mut file, times) = TimesFile::open(path)?;
         let floor = times.newest;
+        let clock = now();
+        if clock > 0 && floor > clock.saturating_add(AHEAD_AT_MOST) {
+            file.log.push(format!(
+                "{} has a time that is {} days ahead of this computer's clock: until then no \
+                 station is heard whose clock is right. Set the clock, or remove that file",
+                path.display(),
+                (floor - clock) / (24 * 60 * 60 * UNITS_PER_S)
+            ));
+        }
         Ok(Signing { times, floor, file: Some(file), ..Signing::new(key) })
     }
 
@@ -104,6 +120,9 @@ impl Signing {
         if hash != message.signature_value() {
             return Err(Rejection::OtherKey);
         }
+        if timestamp > self.latest() {
+            return Err(Rejection::Future);
+        }
         if timestamp <= last.max(own) {
             return Err(Rejection::Old);
         }
@@ -114,6 +133,15 @@ impl Signing {
             file.reserve(&self.times, Some(stream));
         }
         Ok(())
+    }
+
+    /// The latest timestamp that is accepted: a day after the later of this computer's clock and
+    /// the signatures so far. Without either nobody knows the day.
+    fn latest(&self) -> u64 {
+        match self.times.newest {
+            0 => LATEST_WITHOUT_CLOCK,
+            newest => newest.saturating_add(AHEAD_AT_MOST),
+        }
     }
 
     /// Forgets the streams that have to be newer than their last message anyway.
@@ -294,6 +322,41 @@ mod tests {
         NOW.set(0);
         state.sign(&mut next, 1);
         assert_eq!(next.signature_timestamp(), 1000 * S + 2);
+    }
+
+    /// It would shut out all others, also after a restart.
+    #[test]
+    fn a_signature_of_the_far_future_is_rejected_and_changes_nothing() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("times");
+        NOW.set(1000 * S);
+        let mut state = stored(&path);
+        let day = 24 * 60 * 60 * S;
+        for at in [TIMESTAMP_MAX, 1001 * S + day] {
+            assert_eq!(state.check(&signed(at)), Err(Rejection::Future), "{at}");
+        }
+        assert!(state.accepts(&message(KEY, 999 * S, 4)), "others are heard");
+        drop(state);
+        assert!(stored(&path).accepts(&message(KEY, 1001 * S, 5)), "after a restart, too");
+        assert!(stored(&path).accepts(&signed(1000 * S + day)), "a day may be another zone");
+        // This computer has no clock: whoever is heard first may have the right time.
+        let mut state = signing(0);
+        assert_eq!(state.check(&signed(TIMESTAMP_MAX)), Err(Rejection::Future));
+        assert!(state.accepts(&signed(1000 * day)));
+        assert_eq!(state.check(&message(KEY, 1002 * day, 4)), Err(Rejection::Future));
+    }
+
+    #[test]
+    fn a_file_with_a_time_of_the_far_future_is_named() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("times");
+        std::fs::write(&path, format!("newest {TIMESTAMP_MAX}\n")).unwrap();
+        let log = Signing::with_file(KEY, &path).unwrap().take_log();
+        let expected = "days ahead of this computer's clock";
+        assert!(log.len() == 1 && log[0].contains(expected), "{log:?}");
+        assert!(log[0].contains("times") && log[0].ends_with("remove that file"), "{log:?}");
+        std::fs::write(&path, format!("newest {}\n", now())).unwrap();
+        assert!(Signing::with_file(KEY, &path).unwrap().take_log().is_empty());
     }
 
     #[test]

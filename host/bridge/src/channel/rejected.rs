@@ -26,7 +26,7 @@ pub struct Rejected {
     /// Messages without a signature, and with one of another key.
     pub unsigned: u64,
     pub other_key: u64,
-    /// Messages that came again, or whose time is late.
+    /// Messages that came again, or whose time is late or far ahead.
     pub old: u64,
     /// The stations that were told.
     stations: Told,
@@ -58,6 +58,11 @@ fn advice(why: Rejection) -> (&'static str, &'static str) {
             "signs with another key: set that of --signing-key there (MAVProxy: signing key \
              PASSPHRASE)",
         ),
+        Rejection::Future => (
+            "Signed in the future: set your clock",
+            "signs with a time that is more than a day ahead of this computer's clock: set the \
+             clock that is wrong",
+        ),
         Rejection::Old => (
             "",
             "signs with a time that is over, or repeats a message: the bridge sends it a \
@@ -79,7 +84,7 @@ impl Channel {
         match why {
             Rejection::Unsigned => rejected.unsigned += 1,
             Rejection::OtherKey => rejected.other_key += 1,
-            Rejection::Old => rejected.old += 1,
+            Rejection::Old | Rejection::Future => rejected.old += 1,
         }
         let (to_station, to_user) = advice(why);
         // The port of a station may be another one each time that it connects.
@@ -88,7 +93,7 @@ impl Channel {
             self.log.push(format!("{}: {} {to_user}", self.spec, peer.name));
         }
         let out = match why {
-            Rejection::Unsigned | Rejection::OtherKey => {
+            Rejection::Unsigned | Rejection::OtherKey | Rejection::Future => {
                 if !rejected.stations.is_new(&peer.name, why) {
                     return;
                 }

@@ -45,6 +45,30 @@ fn a_restarted_node_s_info_is_requested_again() {
     );
 }
 
+/// Its uptime is 0 in both statuses. Otherwise the bridge would show a value that the restart has
+/// undone.
+#[test]
+fn a_restart_within_the_first_second_of_a_node_is_detected_by_the_transfer_id() {
+    let mut rig = Rig::with_node(1);
+    rig.send_request((1, 42), Request::ParameterList);
+    rig.run_ms(100);
+    rig.node().parameters[0].value = Value::Integer(77);
+    rig.node().uptime_s = 0;
+    rig.sent_messages();
+    rig.run_ms(1000);
+    assert_eq!(texts(&rig.sent_messages()), ["Node 42 has restarted"]);
+    rig.send_request((1, 42), Request::ParameterRead { index: Some(0), name: String::new() });
+    rig.run_ms(100);
+    assert_eq!(rig.parameters()[0].1, Number::Int32(77));
+    // The bus repeats a frame whose end is disturbed.
+    let (now, frame) = (rig.now, rig.node().status());
+    for later in [0, 1] {
+        rig.bridge.frame(now + Duration::from_millis(later), &frame);
+    }
+    rig.run_ms(10);
+    assert_eq!(texts(&rig.sent_messages()), [] as [String; 0]);
+}
+
 #[test]
 fn infos_are_requested_again_when_the_bus_is_back() {
     let mut rig = Rig::with_node(3);
