@@ -35,7 +35,7 @@ define HELP
 make sim        watch the node work on a simulated board and CAN bus     ARGS="--for 5s"
 make web        the same in a web page, served on this machine           WEB_PORT=8000
 make bridge     the node as a ground station sees it, through MAVLink
-make install    the commands sim, bridge and node-update                 PREFIX=/usr/local
+make install    the commands sim, bridge, node-update and avr-bounds     PREFIX=/usr/local
 make firmware   build the firmware, and print its size
 make flash      upload it to an Arduino, and open its serial monitor     PORT=/dev/ttyUSB0
 make bootloader write the loader for updates over the bus to an Arduino  PROGRAMMER=usbasp
@@ -82,9 +82,10 @@ web-page: setup-web ## the page in target/web: four minutes the first time
 	@scripts/web
 
 # Offline: all has been compiled, and cargo would look for newer crates.
-install: firmware programs ## sim, bridge and node-update in ~/.cargo/bin  (PREFIX=/usr/local for /usr/local/bin)
-	@set -e; for path in sim host/bridge host/update; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$path; done
-	@echo "Installed sim, bridge and node-update in $(PREFIX)/bin$$(case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo ", which is not in PATH yet";; esac)"
+install: firmware programs ## sim, bridge, node-update and avr-bounds in ~/.cargo/bin, with man pages and completions  (PREFIX=/usr/local)
+	@set -e; for path in sim host/bridge host/update crates/avr-bounds; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$path; done
+	@cargo run --quiet --release --locked -p manuals -- '$(PREFIX)/share'
+	@echo "Installed sim, bridge, node-update and avr-bounds in $(PREFIX)/bin$$(case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo ", which is not in PATH yet";; esac)"
 	@$(if $(BOARD)$(SHIELD)$(FEATURES),echo "sim without --elf simulates the default firmware. For this one: sim --elf '$(abspath $(ELF))'")
 
 # --- The firmware, and real boards
@@ -152,7 +153,7 @@ third-party: setup-build
 		-p third-party-mcp25xx-crate; cargo build $$options -p third-party-mcp25xx-wrong-rxb1; done
 # "bridge" and "rig" are in each call: so cargo builds the simulator with one set of features, once.
 TESTED := $(addprefix -p ,avr-bounds boards boot bridge fuzz-harness mcp2515-ordered dronecan-wire dronecan-host can-frame own-node \
-	sim-base can-model mcp2515-model bus-load can-link node-update avr-core avr-model bench sim rig)
+	sim-base can-model mcp2515-model bus-load can-link node-update avr-core avr-model bench sim manuals rig)
 test-programs: setup-simavr
 	cargo test --no-run $(TESTED) -p tests
 	cargo build -p node-update

@@ -3,10 +3,10 @@
 use std::net::Ipv4Addr;
 use std::path::PathBuf;
 
+use crate::search::{Nodes, node_id};
 use can_link as bus;
 use clap::Parser;
 use dronecan_host::NodeId;
-use node_update::search::{Nodes, node_id};
 
 const EXAMPLES: &str = "\
 Buses (--bus):

@@ -11,7 +11,7 @@ use node_update::heard::Heard;
 use node_update::tool::Tool;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
-use crate::args::Args;
+use node_update::args::Args;
 
 /// Time in which a bus must answer after it was opened.
 const OPENS_WITHIN: Duration = Duration::from_secs(3);

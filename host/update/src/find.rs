@@ -10,8 +10,8 @@ use node_update::file::FirmwareFile;
 use node_update::search::{Candidate, Search};
 
 use crate::Failure;
-use crate::args::Args;
 use crate::client::Client;
+use node_update::args::Args;
 
 /// The listening takes up to this much longer, by chance, so that two programs that start together
 /// do not take the same node ID.

@@ -8,6 +8,8 @@
 
 #![forbid(unsafe_code)]
 
+#[cfg(not(target_family = "wasm"))]
+pub mod args;
 pub mod file;
 pub mod fleet;
 pub mod heard;

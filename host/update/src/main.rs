@@ -5,7 +5,6 @@
 
 #![forbid(unsafe_code)]
 
-mod args;
 mod client;
 mod find;
 mod progress;
@@ -21,8 +20,8 @@ use clap::Parser as _;
 use dronecan_host::text::visible;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
-use args::Args;
 use client::Client;
+use node_update::args::Args;
 use node_update::file::FirmwareFile;
 
 /// Why the program ends before all nodes are updated.

@@ -12,9 +12,9 @@ use node_update::search::Candidate;
 use node_update::session::Outcome;
 
 use crate::Failure;
-use crate::args::Args;
 use crate::client::Client;
 use crate::progress::{Display, Progress};
+use node_update::args::Args;
 
 /// What is shown of each update.
 type Shown = HashMap<NodeId, Progress>;
