@@ -383,6 +383,7 @@ fn a_stack_that_runs_into_variables_fails_the_run_and_is_named_as_the_cause() {
     let (text, _, code) = run("100");
     assert_eq!(code, Some(1));
     let first = text.find("MISTAKE AVR: the stack runs into").unwrap();
+    assert_eq!(text.find("MISTAKE"), Some(first), "the cause comes first: {text}");
     assert!(text[first..].contains("more: it is "), "{text}");
     let consequence = text.find(", after its stack had run into variables");
     assert!(consequence.is_some_and(|at| at > first), "{text}");

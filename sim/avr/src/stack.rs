@@ -47,6 +47,8 @@ pub(super) struct Stack {
     /// The deepest one in variables that has not been reported, and the end of what is below it.
     overrun: Cell<Option<(Depth, u16)>>,
     has_overrun: Cell<bool>,
+    /// When it passed the end of the variables: what goes wrong then is its consequence.
+    passed_at: Cell<Option<Cycles>>,
     /// True if the program has put the stack elsewhere, as an operating system does.
     has_several: Cell<bool>,
 }
@@ -67,6 +69,9 @@ impl Stack {
         let bottom = self.map.borrow().as_ref().map_or(0, |map| map.end);
         if is_set_by_hand && sp < bottom {
             self.has_several.set(true);
+        }
+        if sp + 1 < bottom && self.passed_at.get().is_none() {
+            self.passed_at.set(Some(at));
         }
         let depth = Depth { at, sp, pc };
         for lowest in [&self.deepest, &self.lowered] {
@@ -91,7 +96,7 @@ impl Stack {
         let map = self.map.borrow();
         let Some(map) = map.as_ref().filter(|_| !self.has_several.get()) else { return mark };
         let end = map.end.max(map.heap_end(base));
-        if let Some(depth) = self.lowered.take().filter(|depth| depth.sp + 1 < end) {
+        if let Some(depth) = self.lowered.take().filter(|depth| depth.sp < end - 1) {
             let known = self.overrun.get();
             if known.is_none_or(|(known, _)| depth.sp < known.sp) {
                 self.overrun.set(Some((depth, end)));
@@ -100,7 +105,7 @@ impl Stack {
         }
         // The heap can have grown to where the stack has been. While the stack is in variables,
         // only what is deeper is new.
-        if base.sp() + 1 < end { mark } else { mark.max(end - 1) }
+        if base.sp() < end - 1 { mark } else { mark.max(end - 1) }
     }
 
     /// Removes and returns the mistake of a stack that has run into variables.
@@ -114,19 +119,20 @@ impl Stack {
             "the stack runs into {}: it is {} bytes deep{within}, and {} are free (PC {:#06x})",
             map.names(depth.sp + 1..end),
             ram_end - depth.sp,
-            ram_end + 1 - end,
+            (ram_end + 1).saturating_sub(end),
             depth.pc,
         );
-        Some(Violation { at: depth.at, text })
+        Some(Violation { at: self.passed_at.take().unwrap_or(depth.at), text })
     }
 }
 
 impl Map {
     /// The end of the heap, 0 if there is none.
     fn heap_end(&self, base: &Base) -> u16 {
-        let Some(low) = self.heap_end else { return 0 };
+        let ram_end = base.core.chip().ram_end();
+        let Some(low) = self.heap_end.filter(|low| *low < ram_end) else { return 0 };
         let end = u16::from_le_bytes([base.core.get(low), base.core.get(low + 1)]);
-        if end <= base.core.chip().ram_end() { end } else { 0 }
+        if end <= ram_end { end } else { 0 }
     }
 
     /// What is in a range of the RAM, the largest first.
@@ -137,7 +143,7 @@ impl Map {
         let all: Vec<&str> = heap.into_iter().chain(registers).chain(variables).collect();
         match all.len() {
             0 => format!("the variables at {:#06x}", range.end.min(self.end) - 1),
-            ..=NAMES_MAX => all.join(", "),
+            1..=NAMES_MAX => all.join(", "),
             count => format!("{} and {} more", all[..NAMES_MAX].join(", "), count - NAMES_MAX),
         }
     }
