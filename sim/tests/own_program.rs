@@ -8,6 +8,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 use std::time::{Duration, Instant};
 
+use bench::node_elf;
+
 use crate::avr::sketch_to;
 use crate::links::{Scratch, elf, elf_for, elf_with};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
@@ -639,6 +641,29 @@ fn the_pins_of_a_program_are_set_and_watched_by_options_and_by_a_script() {
     lines(&sim_for("10ms", &program, &[&UNO[..], &files].concat()));
     let save = fs::read_to_string(scratch.path("own.gtkw")).unwrap();
     assert_eq!(save, "[*] GTKWave Analyzer v3.3\n");
+}
+
+#[test]
+fn a_signal_in_bursts_has_the_frequency_within_them_and_their_share_of_the_time() {
+    let scratch = Scratch::new();
+    let program = elf_with(&scratch, "own_pins", "atmega328p", &["BURSTS"]);
+    let output = lines(&sim(&program, &[&UNO[..], &["--watch", "D5"]].concat()));
+    let shown: Vec<&str> = output.lines().filter(|line| line.contains(" Hz, ")).collect();
+    assert_eq!(shown.len(), 1, "{output}");
+    let (_, text) = shown[0].split_once(" pin     D5 ").unwrap();
+    let (hz, rest) = text.split_once(" Hz, high ").unwrap();
+    assert!((37_500.0..39_500.0).contains(&hz.parse::<f64>().unwrap()), "{text}");
+    assert!(rest.ends_with(" %, in bursts: 10 % of the time"), "{text}");
+}
+
+#[test]
+fn a_disturbed_chip_gives_no_hint_about_its_program() {
+    let mut beside_autopilot = Command::new(env!("CARGO_BIN_EXE_sim"));
+    beside_autopilot.args(["--plain", "--strict", "--speed", "max", "--for", "3s", "--elf"]);
+    let options = ["--inject", "chip-garbage@1s"];
+    let output = beside_autopilot.arg(node_elf().unwrap()).args(options).output().unwrap();
+    let text = lines(&output);
+    assert!(text.contains("fault   chip-garbage") && !text.contains("HINT"), "{text}");
 }
 
 #[test]

@@ -224,6 +224,7 @@ mod tests {
         for expected in ["Ctrl-C", "stuck-dominant", "Examples:", "--bit-rate"] {
             assert!(help.contains(expected), "{expected} is missing");
         }
+        assert!(!help.contains("\nOptions:\n"), "each heading names its topic");
     }
 
     #[test]
