@@ -69,6 +69,9 @@ const RESPONSE_MAX: usize = {
 };
 /// Bytes of the longest message, which is NodeStatus.
 const MESSAGE_MAX: usize = 7;
+/// While frames wait to be received the node sends in every ninth turn: a frame that waits longer
+/// than those that the driver keeps is lost.
+const FRAMES_IN_A_ROW: u8 = 8;
 const NODE_ID: usize = 0;
 const ACTUATOR_ID: usize = 1;
 
@@ -151,12 +154,15 @@ pub struct Node<C: Can, S> {
     /// When the next NodeStatus is due. A Temperature follows half a second later.
     next_ms: u32,
     is_temperature_next: bool,
+    /// The turns with a received frame since the last one in which the node could send.
+    frames_in_a_row: u8,
     /// The transfer IDs of the two messages.
     transfer_ids: [u8; 2],
 }
 
 impl<C: Can, S: Storage> Node<C, S> {
     /// `unique_id` is a number that no other node has, for example that of the microcontroller.
+    #[inline(never)]
     pub fn new(can: C, mut storage: S, unique_id: [u8; 16]) -> Self {
         let mut values = DEFAULTS;
         for (at, (value, parameter)) in values.iter_mut().zip(&PARAMETERS).enumerate() {
@@ -177,12 +183,14 @@ impl<C: Can, S: Storage> Node<C, S> {
             second_ms: 1000,
             next_ms: 0,
             is_temperature_next: false,
+            frames_in_a_row: 0,
             transfer_ids: [0; 2],
         }
     }
 
     /// Does the next work: call it in a loop. `now_ms` is the time since the start, and `kelvin`
     /// the temperature in 1/32 K.
+    #[inline(never)]
     pub fn turn(&mut self, now_ms: u32, kelvin: u16) -> Result<Option<Action>, C::Error> {
         let received = match self.can.receive() {
             Ok(frame) => Some(frame),
@@ -193,11 +201,15 @@ impl<C: Can, S: Storage> Node<C, S> {
             self.second_ms = self.second_ms.wrapping_add(1000);
             self.seconds += 1;
         }
-        let action = received.and_then(|frame| self.take(&frame, now_ms));
-        self.receiver.expire(now_ms as u16);
-        self.publish(now_ms, kelvin);
-        self.send()?;
-        Ok(action)
+        if received.is_some() && self.frames_in_a_row < FRAMES_IN_A_ROW {
+            self.frames_in_a_row += 1;
+        } else {
+            self.frames_in_a_row = 0;
+            self.receiver.expire(now_ms as u16);
+            self.publish(now_ms, kelvin);
+            self.send()?;
+        }
+        Ok(received.and_then(|frame| self.take(&frame, now_ms)))
     }
 
     /// Passes the next frames to the driver, unless it has no room. A returned frame goes before
@@ -258,7 +270,9 @@ impl<C: Can, S: Storage> Node<C, S> {
         self.next_ms = now_ms.wrapping_add(500);
     }
 
-    /// Acts on a received frame.
+    /// Acts on a received frame. Not inlined, as `new` and `turn`: the main program would have the
+    /// stack of all three.
+    #[inline(never)]
     fn take(&mut self, frame: &C::Frame, now_ms: u32) -> Option<Action> {
         let embedded_can::Id::Extended(id) = frame.id() else { return None };
         if frame.is_remote_frame() {

@@ -28,6 +28,7 @@ impl<const N: usize> Payload<N> {
     }
 
     /// Adds a whole number of 64 bits, after its tag.
+    #[inline(never)]
     fn add_number(&mut self, number: i32) {
         self.add(&[1]);
         self.add(&number.to_le_bytes());
@@ -38,9 +39,10 @@ impl<const N: usize> Payload<N> {
     pub fn set_parameter(&mut self, parameter: &Parameter, value: i32) {
         let &Parameter { name, default, min, max } = parameter;
         self.len = 0;
-        for number in [value, default, max, min] {
-            self.add_number(number);
-        }
+        self.add_number(value);
+        self.add_number(default);
+        self.add_number(max);
+        self.add_number(min);
         self.add(name);
     }
 

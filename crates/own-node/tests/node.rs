@@ -200,12 +200,13 @@ fn a_restart_needs_the_magic_number() {
 }
 
 /// The frames in a driver that sends none, and returns the oldest for a new one if `returns`. It
-/// accepts no frame if `is_full`.
+/// accepts no frame if `is_full`. It always has a received frame if `is_busy`.
 #[derive(Default)]
 struct Mailboxes {
     waiting: VecDeque<BusFrame>,
     returns: bool,
     is_full: bool,
+    is_busy: bool,
 }
 
 #[derive(Clone, Default)]
@@ -226,7 +227,8 @@ impl Can for Blocked {
     }
 
     fn receive(&mut self) -> nb::Result<BusFrame, Self::Error> {
-        Err(nb::Error::WouldBlock)
+        let of_another = BusFrame::extended(0x1F00_0014, &[0; 8]);
+        self.0.borrow().is_busy.then_some(of_another).ok_or(nb::Error::WouldBlock)
     }
 }
 
@@ -258,4 +260,17 @@ fn the_uptime_is_right_after_a_time_in_which_nothing_could_be_sent() {
     let sent = driver.0.borrow();
     let status = sent.waiting.iter().rfind(|frame| frame.dlc == 8).unwrap();
     assert_eq!(status.data()[..4], [79, 0, 0, 0]);
+}
+
+#[test]
+fn received_frames_go_first_but_the_node_sends_on_a_full_bus_too() {
+    let driver = Blocked::default();
+    driver.0.borrow_mut().is_busy = true;
+    let mut node = Node::new(driver.clone(), Memory::default(), [0; 16]);
+    for _ in 0..8 {
+        node.turn(0, 300 * 32).unwrap();
+        assert!(driver.0.borrow().waiting.is_empty());
+    }
+    node.turn(0, 300 * 32).unwrap();
+    assert_eq!(driver.0.borrow().waiting.len(), 1);
 }
