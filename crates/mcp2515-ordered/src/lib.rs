@@ -9,8 +9,8 @@
 //!
 //! [`Driver::with_clock`] makes of it what the traits of [`embedded_can`] need. Without it a main
 //! loop calls [`Driver::poll`] when [`State::is_due`] is true, and [`Driver::receive`] when
-//! [`Driver::has_frame`] is true; the interrupt of INT may call `receive` instead. The caller
-//! passes the time: 16 bits of milliseconds that wrap around.
+//! [`Driver::has_frame`] is true; the interrupt of INT may call `receive` instead: see [`Queue`].
+//! The caller passes the time: 16 bits of milliseconds that wrap around.
 //!
 //! ```
 //! use embedded_hal::digital::{InputPin, OutputPin};
@@ -140,6 +140,7 @@ mod counters;
 mod driver;
 mod filters;
 mod frame;
+mod queue;
 mod registers;
 mod rx_order;
 mod shared;
@@ -157,6 +158,7 @@ pub use driver::{
 };
 pub use filters::{Acceptance, Filters, Pattern};
 pub use frame::Frame;
+pub use queue::{Queue, Queued};
 pub use shared::Shared;
 pub use with_clock::{CanError, WithClock};
 

@@ -60,6 +60,23 @@ pub enum CanError {
     ListensOnly,
 }
 
+impl CanError {
+    /// Returns the error, if the notice is of one. `is_empty`: no frame waited to be sent.
+    pub(crate) fn of(notice: Notice, is_empty: bool) -> Option<Self> {
+        let is_error = match notice.event {
+            Event::Running => false,
+            Event::Flags => {
+                let flags = ErrorFlags(notice.value);
+                flags.frames_lost() || flags.bus_off()
+            }
+            // Without a frame that waits, the bus is silent.
+            Event::GaveUpSending => !is_empty,
+            _ => true,
+        };
+        is_error.then_some(Self::Notice(notice))
+    }
+}
+
 impl embedded_can::Error for CanError {
     fn kind(&self) -> ErrorKind {
         match self {
@@ -91,19 +108,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance, T: FnMut() -> u16> WithClock
         let now_ms = (self.now_ms)();
         let state = self.driver.state(now_ms);
         let notice = state.is_due.then(|| self.driver.poll(now_ms))??;
-        let is_error = match notice.event {
-            Event::Running => false,
-            Event::Flags => {
-                let flags = ErrorFlags(notice.value);
-                flags.frames_lost() || flags.bus_off()
-            }
-            // Without a frame that waits, the bus is silent.
-            Event::GaveUpSending => !state.is_empty,
-            _ => true,
-        };
-        if is_error {
-            self.error = Some(CanError::Notice(notice));
-        }
+        self.error = CanError::of(notice, state.is_empty).or(self.error);
         Some(notice)
     }
 
