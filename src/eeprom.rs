@@ -20,7 +20,7 @@ impl Width<false> for () {
 }
 
 /// Bytes of the EEPROM that the program uses.
-pub const EEPROM_LEN: usize = if OUTPUTS == 1 { 0x100 } else { 0x220 };
+pub const EEPROM_LEN: usize = if OUTPUTS == 1 { 0x100 } else { 0x400 };
 
 /// An EEPROM of [`EEPROM_LEN`] bytes. Writing a byte takes milliseconds.
 pub trait Eeprom {

@@ -9,7 +9,7 @@ use mcp2515_ordered::{Attempts, Configuration, Frame, Notice, State};
 use crate::eeprom::Eeprom;
 use crate::handover::REQUEST_LEN;
 use crate::hardware::CanCounters;
-use crate::hardware::{Input, ShaftPulses};
+use crate::hardware::{Input, OUTPUTS, ShaftPulses};
 use crate::monitor::{self, Monitor, TextsAndNames};
 use crate::node::Node;
 use crate::node::acceptance::{Filters, NodeAcceptance};
@@ -219,6 +219,9 @@ impl Program {
             Turn::PrepareFrame if node.prepare(board.counters(), B::FLASH, monitor, now_ms) => {}
             // A message that is due may have to wait. The serial monitor then uses the turn.
             Turn::PrepareFrame | Turn::Monitor => {
+                if OUTPUTS > 1 {
+                    node.step_store(board.eeprom(), B::FLASH);
+                }
                 self.monitor(board);
                 return Turn::Monitor;
             }
@@ -233,7 +236,7 @@ impl Program {
         let passed_ms = board.tick();
         let now_ms = board.now_ms();
         node.expire(receiver, now_ms, B::FLASH, monitor);
-        node.tick(passed_ms, now_ms, board.eeprom(), monitor);
+        node.tick(passed_ms, now_ms, board.eeprom(), B::FLASH, monitor);
         node.show(board.outputs());
         board.set_light(node.light());
         node.read_button(board.is_button_pressed(), passed_ms, monitor);

@@ -130,7 +130,7 @@ impl Node {
         flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
     ) {
-        self.store.identify(&mut self.identity.unique_id, eeprom, noise);
+        self.store.identify(&mut self.identity.unique_id, eeprom, flash, noise);
         self.record.health.start(cause);
         self.record.health.set_silently(dialect::CONDITION);
         let is_lost = if dialect::HAS_REQUESTS {
@@ -257,6 +257,12 @@ impl Node {
         }
     }
 
+    /// Does the next step of a save. Call when there is nothing else to do.
+    #[inline(always)]
+    pub fn step_store(&mut self, eeprom: &mut impl Eeprom, flash: impl Progmem<Descriptions>) {
+        self.store.step_once(&mut self.parameters, eeprom, flash);
+    }
+
     /// Does the work of `passed_ms` milliseconds. Call at every tick of the millisecond clock, or
     /// after several of them.
     #[inline(always)]
@@ -265,9 +271,10 @@ impl Node {
         passed_ms: u8,
         now_ms: u16,
         eeprom: &mut impl Eeprom,
+        flash: impl Progmem<Descriptions>,
         monitor: &mut Monitor,
     ) {
-        self.store.step(&mut self.parameters, eeprom);
+        self.store.step(&mut self.parameters, eeprom, flash);
         if self.identity.id != 0 && !self.store.is_saving() {
             self.update.step(self.identity.id, &self.parameters, eeprom);
         }

@@ -1,129 +1,115 @@
 //! Keeps the parameters and the unique ID in EEPROM. After a power cut at any moment the EEPROM has
 //! either the old or the new parameters (docs/parameters.md).
 //!
-//! A record is its bytes, their CRC (high byte first), and a marker. To overwrite a record, the
-//! store first erases its marker, which makes the record invalid. Then it writes the bytes and the
-//! CRC, and last the new marker. A byte that is being written during a power cut can get any value,
-//! so the CRC also covers the marker.
+//! The parameters have two copies, and a cell, the selector, says which one is in force. A save
+//! writes the bytes that differ into the other copy, then its CRC, then the selector: it succeeds
+//! with this byte. Last it writes the selector again, into the next cell, which counts if the first
+//! one means neither copy. Then it is answered, and the store makes the older copy equal, also
+//! after a start. So at rest both are equal, a save writes only what has changed since the last
+//! one, and a broken byte loses nothing.
 //!
-//! The parameters have two records, and a save overwrites the older one. The marker has a count of
-//! the saves, modulo 4, which distinguishes the newer record from the older, and the version of the
-//! layout.
+//! A byte that is being written during a power cut can get any value. While the first cell of the
+//! selector is written, both copies are complete, and the second one still means the older copy. If
+//! neither cell means a copy, as in a new chip whose first save was cut, the node takes a copy with
+//! a valid CRC, and reports that it may be the wrong one.
 
 #![allow(clippy::useless_conversion, clippy::unnecessary_cast, reason = "Address")]
 
 use dronecan_wire::crc;
 
 use crate::eeprom::{Address, EEPROM_LEN, Eeprom};
+use crate::handover::{
+    BUS, BUS_LEN, UNIQUE_ID, UNIQUE_ID_CRC_START, UNIQUE_ID_LEN, UNIQUE_ID_RECORD_LEN,
+};
 use crate::hardware::OUTPUTS;
 use crate::progmem::Progmem;
-use crate::tables::parameters::{self, Descriptions, Parameters, VALUES_LEN};
+use crate::tables::parameters::{self, CELLS, Descriptions, IS_PACKED, Parameters};
 
-/// Bytes of a unique ID (DSDL uavcan/protocol/HardwareVersion.uavcan).
-pub const UNIQUE_ID_LEN: u8 = 16;
+/// Address of the selector.
+const SELECTOR: Address = 0x1E;
 
-/// Address of the unique ID. The first addresses are unused: a failing supply most likely corrupts
-/// them.
-const UNIQUE_ID: Address = 0x04;
+/// Cells of the selector.
+const SELECTOR_LEN: u8 = 2;
 
-/// Addresses of the two records of the parameters.
-const PARAMETERS: [Address; 2] = [0x020, if OUTPUTS == 1 { 0x90 } else { 0x120u16 as Address }];
+/// The selector while the first copy is in force, and the second. They differ in all bits, so that
+/// a broken bit turns neither into the other one. An erased cell is neither.
+const FIRST: u8 = 0x3C;
+const SECOND: u8 = !FIRST;
 
-/// XOR with this turns one of the two addresses into the other.
-const OTHER: Address = PARAMETERS[0] ^ PARAMETERS[1];
+/// The bit of the address that differs between a byte of the first copy and the same byte of the
+/// second.
+const OTHER: Address = if OUTPUTS == 1 { 0x80 } else { 0x200u16 as Address };
+
+/// Addresses of the two copies of the parameters.
+const PARAMETERS: [Address; 2] = [0x20, 0x20 | OTHER];
 
 const CRC_LEN: u8 = 2;
 
-/// Offset of the marker in a record of the parameters.
-const MARKER: u8 = VALUES_LEN + CRC_LEN;
+/// Bytes of a copy of the parameters.
+const LEN: usize = CELLS + CRC_LEN as usize;
 
-const _: () = assert!(PARAMETERS[0] > UNIQUE_ID + (UNIQUE_ID_LEN + CRC_LEN) as Address);
+const _: () = assert!(SELECTOR >= (BUS + BUS_LEN) as Address);
+const _: () = assert!(SELECTOR + SELECTOR_LEN as Address == PARAMETERS[0]);
+// `Store::at` counts on while the selector is written.
 const _: () = assert!(
-    PARAMETERS[0] + (MARKER as Address) < PARAMETERS[1]
-        && PARAMETERS[1] as usize + (MARKER as usize) < EEPROM_LEN
+    PARAMETERS[0] as usize + LEN + (SELECTOR_LEN as usize) < OTHER as usize
+        && PARAMETERS[1] as usize + LEN + (SELECTOR_LEN as usize) < EEPROM_LEN,
+    "the EEPROM has no room for this many parameters"
 );
+
+/// Address of the last byte of the unique ID's record, which the loader requires to be 0.
+const MARKER: u8 = UNIQUE_ID + UNIQUE_ID_RECORD_LEN - 1;
 
 /// The value of an erased byte.
 const ERASED: u8 = 0xFF;
 
-/// The marker of an invalid record.
-const NO_RECORD: u8 = ERASED;
+/// The initial CRC of the parameters: the digest of names and ranges, so that a copy of a build
+/// with another table is invalid.
+const CRC_OF_PARAMETERS: u16 = parameters::DIGEST;
 
-/// In the marker of parameters: the lower two bits count the saves.
-const COUNT_MASK: u8 = 3;
-
-/// In the marker of parameters: the upper six bits are the version of the layout, 1 to 62. Records
-/// of another version are invalid. The unique ID has a marker of 0 and stays valid.
-const LAYOUT: u8 = 4 << 2;
-
-/// The marker of the next save.
-fn next(marker: u8) -> u8 {
-    marker.wrapping_add(1) & COUNT_MASK | LAYOUT
-}
-
-/// True if a marker belongs to parameters in this layout.
-fn is_usable(marker: u8) -> bool {
-    marker & !COUNT_MASK == LAYOUT
-}
-
-/// In place of the marker to write now: the parameters are compared with those in the EEPROM, and
-/// no byte is written unless one differs. No record has it.
-const COMPARED: u8 = 1;
-
-/// The marker of the unique ID.
-const UNIQUE_ID_MARKER: u8 = 0;
-
-/// The initial CRC of a record. It includes the marker, and it makes a record of zeros invalid. For
-/// parameters it is based on the digest of names and ranges, so that a record of a build with
-/// another table is invalid.
-fn crc_start(marker: u8) -> u16 {
-    let start = if marker == UNIQUE_ID_MARKER { 0x0100 } else { parameters::DIGEST };
-    start ^ u16::from(marker)
-}
+// A record of zeros is invalid.
+const _: () = assert!(CRC_OF_PARAMETERS != 0);
 
 /// Samples of noise in a unique ID. Even a sample near the typical 16 ms has a random bit or more
 /// (see `board::jitter`). With 64 samples, the probability that two in a million boards have the
 /// same ID is 3e-8.
 const SAMPLES: u8 = 64;
 
-/// Steps of a save at each call: the check of a byte, and with many parameters the write of the
-/// next one, too. Clients wait for a second; `tests/boards/parameters.rs` limits a save to 0.95 s.
+/// Steps at each tick. With several outputs each turn of the main loop that has nothing else to do
+/// does a step, too.
 const STEPS: u8 = if OUTPUTS == 1 { 1 } else { 2 };
 
-/// The same while the store compares, before the first write. 16 steps take 130 us.
-const STEPS_OF_COMPARISON: u8 = if OUTPUTS == 1 { 1 } else { 16 };
+/// The EEPROM has the parameters that were saved, in both copies.
+const DONE: u8 = 0;
+/// The byte that was written last is not checked yet.
+const TRYING: u8 = 1 << 0;
+/// The selector is to be written: the copies differ.
+const COMMITS: u8 = 1 << 1;
+/// The older copy is being made equal to the copy in force.
+const COPIES: u8 = 1 << 2;
+/// With `COPIES`: the parameters have changed, so the bytes come from the copy in force. Otherwise
+/// they come from the RAM, because a byte of this copy may break meanwhile.
+const CHANGED: u8 = 1 << 3;
+/// A save is in progress.
+const SAVES: u8 = 1 << 4;
+/// The EEPROM did not keep a byte, or has no copy that is certainly the newest.
+const FAILED: u8 = 1 << 5;
 
-/// The state of a save.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-#[repr(u8)]
-enum Saving {
-    /// The EEPROM has the parameters that were in force.
-    Done,
-    /// The EEPROM did not keep a byte, or the newer record was lost.
-    Failed,
-    /// The save is in progress.
-    Going,
-    /// The save is in progress, and the byte that was written last is not checked yet.
-    Trying,
-}
-
-/// The state of the EEPROM, and of the record that is being written.
+/// The state of the EEPROM, and of the copy that is being written.
 pub struct Store {
-    saving: Saving,
-    /// Address of the record that is being written, or is next.
-    base: Address,
-    /// The record's new marker, and the marker to write now.
-    next_marker: u8,
-    marker: u8,
-    /// Offset of the next byte in the record, and the CRC of the bytes before it.
-    place: u8,
+    state: u8,
+    /// Address of the next byte to write.
+    at: Address,
+    /// Place of this byte in the values, or behind them in the CRC.
+    place: Address,
+    /// CRC of the bytes before it.
     crc: u16,
 }
 
 impl Store {
     /// A store before [`identify`](Self::identify) and [`load`](Self::load).
     pub const fn new() -> Self {
-        Self { saving: Saving::Done, base: 0, next_marker: 0, marker: 0, place: 0, crc: 0 }
+        Self { state: DONE, at: 0, place: 0, crc: 0 }
     }
 
     /// Gives the unique ID from EEPROM. If there is none, makes one from 64 samples of `noise` and
@@ -132,9 +118,10 @@ impl Store {
         &mut self,
         id: &mut [u8; UNIQUE_ID_LEN as usize],
         eeprom: &mut impl Eeprom,
+        flash: impl Progmem<Descriptions>,
         mut noise: impl FnMut() -> u8,
     ) {
-        if read(id, UNIQUE_ID, eeprom) != NO_RECORD {
+        if read(id, UNIQUE_ID.into(), UNIQUE_ID_CRC_START, eeprom, flash) {
             return;
         }
         for sample in 0..SAMPLES {
@@ -144,179 +131,200 @@ impl Store {
         }
         // An ID of zeros would be invalid.
         id[0] |= 1;
-        self.base = UNIQUE_ID;
-        self.begin(UNIQUE_ID_LEN + CRC_LEN, NO_RECORD);
-        // Writes 20 bytes of 3.4 ms each; a turn takes 25 cycles or more. The limit ends the loop
+        eeprom.begin_write(MARKER.into(), 0);
+        self.at = UNIQUE_ID.into();
+        self.crc = UNIQUE_ID_CRC_START;
+        // Writes 19 bytes of 3.4 ms each; a turn takes 25 cycles or more. The limit ends the loop
         // if the EEPROM stays busy.
         let mut turns = u16::MAX;
-        while turns != 0 && self.is_saving() {
+        while turns != 0 && self.place != (UNIQUE_ID_LEN + CRC_LEN) as Address {
             turns -= 1;
-            self.write(id, eeprom);
+            self.write(id, eeprom, flash);
         }
+        self.state = DONE;
     }
 
-    /// Loads the newest good copy of the parameters, or sets the defaults. Returns true if
-    /// something was lost: the newest copy, both copies, or values that are out of their
-    /// ranges. Call before the main loop, and before any save.
+    /// Loads the parameters, or sets the defaults. Returns true if something was lost: the copy in
+    /// force, both copies, the selector, or values that are out of their ranges. Call before the
+    /// main loop, and before any save.
     pub fn load(
         &mut self,
         parameters: &mut Parameters,
         eeprom: &impl Eeprom,
         flash: impl Progmem<Descriptions>,
     ) -> bool {
-        let first = eeprom.read(PARAMETERS[0].wrapping_add(MARKER.into()));
-        let second = eeprom.read(PARAMETERS[1].wrapping_add(MARKER.into()));
-        let (mut base, mut newest) = (PARAMETERS[0], first);
-        if second.wrapping_sub(first) & COUNT_MASK == 1 {
-            (base, newest) = (PARAMETERS[1], second);
+        let mut selector = eeprom.read(SELECTOR);
+        if !is_selector(selector) {
+            selector = eeprom.read(SELECTOR + 1);
         }
-        let mut marker = read(parameters.bytes(), base, eeprom);
-        let mut is_lost = false;
-        if !is_usable(marker) {
-            // A save that was cut leaves no marker, or any byte in its place, seldom one of this
-            // layout. So a copy with such a marker was complete, and has changed.
-            is_lost = is_usable(newest);
-            base ^= OTHER;
-            marker = read(parameters.bytes(), base, eeprom);
-        }
-        if is_usable(marker) {
-            self.base = base ^ OTHER;
-            self.next_marker = next(marker);
-            if is_lost {
-                self.saving = Saving::Failed;
+        self.at = if selector == FIRST { PARAMETERS[0] } else { PARAMETERS[1] };
+        let mut is_lost = !is_selector(selector);
+        for _ in 0..PARAMETERS.len() {
+            let at = self.at;
+            self.at ^= OTHER;
+            if read(parameters.bytes(), at, CRC_OF_PARAMETERS, eeprom, flash) {
+                is_lost |= parameters.repair(flash);
+                // What was lost stays as it is until a save replaces it.
+                self.begin(if is_lost { FAILED } else { COPIES });
+                return is_lost;
             }
-            return parameters.repair(flash) || is_lost;
+            is_lost = true;
         }
         parameters.set_defaults(flash);
-        // The first save writes the first copy, beginning with CAN_NODE, and makes it newer than
-        // the second, whatever that is.
-        self.base = PARAMETERS[0];
-        self.next_marker = next(second);
+        // The first save writes the copy that the selector does not mean, in a new chip the first.
+        self.at ^= OTHER;
         has_parameters(eeprom)
     }
 
     /// Begins to save the parameters in force, unless a save is in progress. If the EEPROM has
     /// them, no byte is written.
     pub fn save(&mut self) {
-        if self.saving == Saving::Done {
-            self.begin(0, COMPARED);
-        } else if self.saving == Saving::Failed {
-            self.begin(MARKER, NO_RECORD);
+        if !self.is_saving() {
+            // Only after a copy is complete the selector may stay.
+            self.begin(if self.state == DONE { SAVES } else { SAVES | COMMITS });
         }
     }
 
     /// Begins the save in progress again, if there is one: a parameter has changed.
     pub fn save_again(&mut self) {
         if self.is_saving() {
-            self.begin(MARKER, NO_RECORD);
+            self.begin(SAVES | COMMITS);
+        } else if self.state & COPIES != 0 {
+            self.state |= CHANGED;
         }
     }
 
     /// True while a save is in progress.
     pub fn is_saving(&self) -> bool {
-        self.saving >= Saving::Going
+        self.state & SAVES != 0
     }
 
     /// True if the last save succeeded: every byte was read back.
     pub fn is_saved(&self) -> bool {
-        self.saving == Saving::Done
+        self.state & (SAVES | FAILED) == 0
     }
 
-    /// Does the next step of a save in progress. Call in the main loop: takes 10 us, or much less
-    /// while a byte is being written.
-    pub fn step(&mut self, parameters: &mut Parameters, eeprom: &mut impl Eeprom) {
-        let steps = if self.marker == COMPARED { STEPS_OF_COMPARISON } else { STEPS };
-        for _ in 0..steps {
-            if self.is_saving() {
-                self.write(parameters.bytes(), eeprom);
-            }
+    /// Does the next steps of a save in progress, or of the copy after it. Call at each tick.
+    pub fn step(
+        &mut self,
+        parameters: &mut Parameters,
+        eeprom: &mut impl Eeprom,
+        flash: impl Progmem<Descriptions>,
+    ) {
+        for _ in 0..STEPS {
+            self.step_once(parameters, eeprom, flash);
         }
     }
 
-    /// Begins to write the current record: erases its marker, which is at offset `end`.
-    #[inline(never)]
-    fn begin(&mut self, place: u8, marker: u8) {
-        self.place = place;
-        self.marker = marker;
-        self.saving = Saving::Going;
+    /// Does the next step. Takes 10 us, or much less while a byte is being written.
+    #[inline(always)]
+    pub fn step_once(
+        &mut self,
+        parameters: &mut Parameters,
+        eeprom: &mut impl Eeprom,
+        flash: impl Progmem<Descriptions>,
+    ) {
+        if self.state & (SAVES | COPIES) != 0 {
+            self.write(parameters.bytes(), eeprom, flash);
+        }
     }
 
-    /// Writes the next byte of the current record, or checks the byte that was written.
+    /// Begins to write the copy that is not in force.
     #[inline(never)]
-    fn write(&mut self, bytes: &[u8], eeprom: &mut impl Eeprom) {
+    fn begin(&mut self, state: u8) {
+        self.state = state;
+        self.at = self.at & OTHER | PARAMETERS[0];
+        self.place = 0;
+        self.crc = CRC_OF_PARAMETERS;
+    }
+
+    /// Writes the next byte, or checks the byte that was written.
+    #[inline(never)]
+    fn write(&mut self, bytes: &[u8], eeprom: &mut impl Eeprom, flash: impl Progmem<Descriptions>) {
         if eeprom.is_busy() {
             return;
         }
-        let end = (bytes.len() as u8).wrapping_add(CRC_LEN);
-        let mut byte = self.marker;
-        let is_comparing = self.marker == COMPARED;
-        if self.place != end {
-            byte = match bytes.get(usize::from(self.place)) {
+        let end = (bytes.len() as Address).wrapping_add(CRC_LEN.into());
+        let mut at = self.at;
+        let byte = if self.place >= end {
+            at = SELECTOR.wrapping_add(self.place.wrapping_sub(end));
+            if self.at & OTHER == 0 { FIRST } else { SECOND }
+        } else if self.state & CHANGED != 0 {
+            eeprom.read(at ^ OTHER)
+        } else {
+            match bytes.get(usize::from(self.place)) {
                 Some(&byte) => byte,
-                None if is_comparing => {
-                    self.saving = Saving::Done;
-                    return;
-                }
                 // After the bytes comes the high byte of the CRC. Adding that byte to the CRC moves
                 // the low byte into its place.
                 None => (self.crc >> 8) as u8,
-            };
-        }
-        let base = if is_comparing { self.base ^ OTHER } else { self.base };
-        let at = base.wrapping_add(self.place.into());
-        if eeprom.read(at) != byte {
-            if is_comparing {
-                return self.begin(MARKER, NO_RECORD);
             }
-            if self.saving == Saving::Trying {
-                self.saving = Saving::Failed;
+        };
+        if eeprom.read(at) != byte {
+            if self.state & TRYING != 0 {
+                self.state = FAILED;
                 return;
             }
-            self.saving = Saving::Trying;
+            self.state |= TRYING | COMMITS;
             eeprom.begin_write(at, byte);
             return;
         }
-        self.saving = Saving::Going;
+        self.state &= !TRYING;
         self.crc = crc::add(self.crc, byte);
+        self.at = self.at.wrapping_add(1);
         self.place = self.place.wrapping_add(1);
-        if self.place <= end {
-            return;
+        if usize::from(self.place) < bytes.len() && is_left_out(self.place, self.at, flash) {
+            self.place = self.place.wrapping_add(1);
         }
-        if self.marker == NO_RECORD {
-            self.place = 0;
-            self.marker = self.next_marker;
-            self.crc = crc_start(self.marker);
-        } else {
-            self.saving = Saving::Done;
-            self.base ^= OTHER;
-            self.next_marker = next(self.next_marker);
+        if self.place == end && self.state & (COPIES | COMMITS) != COMMITS {
+            self.state = DONE;
+        }
+        if self.place == end.wrapping_add(SELECTOR_LEN.into()) {
+            self.at ^= OTHER;
+            self.begin(COPIES);
         }
     }
 }
 
-/// True if something was saved. The markers are no test, because tables of other lengths have them
-/// elsewhere.
+/// True if the selector means a copy.
+fn is_selector(cell: u8) -> bool {
+    cell == FIRST || cell == SECOND
+}
+
+/// True if the EEPROM has no byte for the upper byte of a value, at this place in the values.
+#[inline(never)]
+fn is_left_out(place: Address, at: Address, flash: impl Progmem<Descriptions>) -> bool {
+    IS_PACKED
+        && place & 1 != 0
+        && at >= PARAMETERS[0]
+        && parameters::is_byte((place >> 1) as u8, flash)
+}
+
+/// True if a save has begun. The first one writes the first copy.
 pub fn has_parameters(eeprom: &impl Eeprom) -> bool {
     eeprom.read(PARAMETERS[0]) != ERASED
 }
 
-/// Reads the record at an address. Returns its marker; [`NO_RECORD`] if it is invalid.
+/// Reads the record at an address. Returns true if it is valid.
 #[inline(never)]
-fn read(bytes: &mut [u8], base: Address, eeprom: &impl Eeprom) -> u8 {
-    let marker =
-        eeprom.read(base.wrapping_add(bytes.len() as Address).wrapping_add(CRC_LEN.into()));
-    let mut crc = crc_start(marker);
-    let mut at = base;
-    for place in bytes {
-        *place = eeprom.read(at);
-        crc = crc::add(crc, *place);
-        at = at.wrapping_add(1);
+fn read(
+    bytes: &mut [u8],
+    mut at: Address,
+    mut crc: u16,
+    eeprom: &impl Eeprom,
+    flash: impl Progmem<Descriptions>,
+) -> bool {
+    let mut place = 0;
+    for byte in bytes {
+        *byte = 0;
+        if !is_left_out(place, at, flash) {
+            *byte = eeprom.read(at);
+            crc = crc::add(crc, *byte);
+            at = at.wrapping_add(1);
+        }
+        place = place.wrapping_add(1);
     }
     let [low, high] = crc.to_le_bytes();
-    if eeprom.read(at) != high || eeprom.read(at.wrapping_add(1)) != low {
-        return NO_RECORD;
-    }
-    marker
+    eeprom.read(at) == high && eeprom.read(at.wrapping_add(1)) == low
 }
 
 impl Default for Store {

@@ -29,7 +29,7 @@ impl Memory {
         let mut parameters = golden::parameters(values);
         store.save();
         while store.is_saving() {
-            store.step(&mut parameters, &mut memory);
+            store.step(&mut parameters, &mut memory, InMemory);
         }
         assert!(store.is_saved());
         memory

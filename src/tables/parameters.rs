@@ -260,6 +260,8 @@ const fn row(n: usize) -> Row {
 /// The number of parameters: those of [`SINGLE`], then those of each output.
 pub const COUNT: usize = SINGLE.len() + OUTPUTS * TEMPLATE.len();
 
+const _: () = assert!(COUNT <= NONE as usize);
+
 impl Parameter {
     /// The index of the parameter on the bus; [`NONE`] if the build leaves it out.
     pub const fn index(self) -> u8 {

@@ -80,7 +80,7 @@ fn a_stored_id_is_kept_by_the_next_start() {
 fn a_half_written_id_is_generated_again() {
     let written = made(6);
     // The node writes the record last, which takes 65 ms. An interrupted write leaves garbage.
-    for cut_ms in [0, 1, 2, 5, 11, 20, 31, 44, 58] {
+    for cut_ms in [0, 1, 2, 5, 11, 20, 31, 44, 52] {
         let mut avr = chip(6);
         let started = (0..).map(|ms| ms * MS).find(|&at| {
             avr.run_until(at);

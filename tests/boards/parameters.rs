@@ -71,14 +71,7 @@ fn saved_parameters_survive_a_restart_and_a_power_cut() {
     rig.cut_power();
     rig.wait_until_up();
     assert_eq!(marks(&mut rig), mark(1));
-    // Sets each parameter to an end of its range that is not its default.
-    let ends: Vec<_> = parameters()
-        .iter()
-        // With these changed the node would answer under another ID, at another bit rate or in
-        // another dialect; and eight outputs do not fit.
-        .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE", "OUT_COUNT"].contains(name))
-        .map(|&(name, default, min, max)| (name, if default == max { min } else { max }))
-        .collect();
+    let ends = other_values();
     for &(name, end) in &ends {
         rig.set(name, end);
     }
@@ -170,7 +163,7 @@ fn saving_does_not_delay_commands_or_pulses() {
     rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
     // The program with all features has three times as many parameters.
     let (commands, limit_ms) =
-        if rig::has_all_features() { (400u16, 950.0) } else { (200u16, 500.0) };
+        if rig::has_all_features() { (400u16, 800.0) } else { (200u16, 500.0) };
     for n in 0..commands {
         rig.send_command(1, 4, f32::from(1200 + n));
         let next = rig.now() + 5 * MS / 2;
@@ -190,20 +183,66 @@ fn saving_does_not_delay_commands_or_pulses() {
     rig.wait_for_line(&format!("commands followed {}, frames refused 0", commands + 1), 300);
 }
 
-/// The comparison ends at the last parameter, and the other copy is erased.
-#[test]
-fn the_longest_save_ends_before_a_client_gives_up() {
-    let mut rig = Rig::running();
-    rig.save();
-    let &(name, default, min, max) = parameters().last().expect("a parameter");
-    rig.set(name, if default == max { min } else { max });
+/// Sets parameters, and says how long the save takes, at the typical time of the EEPROM.
+fn ms_of_save(rig: &mut Rig, values: &[(&'static str, i64)]) -> f64 {
+    for &(name, value) in values {
+        rig.set(name, value);
+    }
     rig.forget();
     let begun = rig.now();
     rig.request(&Message::ExecuteOpcode(Opcode::SAVE));
-    rig.wait_for("an answer", 1000, |rig| !rig.answers().is_empty());
-    let took_ms = ms_between(begun, rig.answers()[0].0);
+    rig.wait_for("the response to a SAVE", 2000, |rig| !rig.answers().is_empty());
+    ms_between(begun, rig.answers()[0].0)
+}
+
+/// A value for each parameter that differs from its default. With these changed the node would
+/// answer under another ID, at another bit rate or in another dialect; and eight outputs do not
+/// fit.
+fn other_values() -> Vec<(&'static str, i64)> {
+    parameters()
+        .iter()
+        .filter(|(name, ..)| !["CAN_NODE", "CAN_BAUDRATE", "OUT_COUNT"].contains(name))
+        .map(|&(name, default, min, max)| (name, if default == max { min } else { max }))
+        .collect()
+}
+
+/// libuavcan, which PX4 has, waits for a second. An EEPROM may take longer than the typical 3.4 ms
+/// a byte.
+#[test]
+fn the_longest_save_ends_long_before_a_client_gives_up() {
+    let limit_ms = if rig::has_all_features() { 700.0 } else { 300.0 };
+    let mut rig = Rig::running();
+    let values = other_values();
+    let took_ms = ms_of_save(&mut rig, &values);
+    let count = values.len();
     println!("{took_ms} ms");
-    assert!(took_ms < if rig::has_all_features() { 960.0 } else { 500.0 });
+    assert!(
+        took_ms < limit_ms,
+        "a SAVE of {count} changed parameters took {took_ms:.1} ms, and the limit is {limit_ms}: \
+         docs/contributing.md, Add a parameter"
+    );
+    // The next one while the older copy is still being made equal.
+    let defaults: Vec<_> =
+        parameters().iter().map(|&(name, default, ..)| (name, default)).collect();
+    let again_ms = ms_of_save(&mut rig, &defaults);
+    println!("{again_ms} ms");
+    assert!(again_ms < limit_ms, "at once after another one it took {again_ms:.1} ms");
+}
+
+#[test]
+fn a_save_of_up_to_three_parameters_takes_a_tenth_of_a_second_at_most() {
+    let mut rig = Rig::running();
+    rig.save();
+    rig.run_ms(1000);
+    for count in 1..=3 {
+        // Both bytes of each differ from those of the round before.
+        let n = 0x0101 * count as i64;
+        let values = [("OUT1_MAX", 1000 + n), ("OUT1_TIMEOUT", 9000 - n), ("TEMP_ID", 0x5A5A + n)];
+        let took_ms = ms_of_save(&mut rig, &values[..count]);
+        println!("{took_ms} ms");
+        assert!(took_ms < 100.0, "{count} changed parameters: {took_ms} ms");
+        rig.run_ms(REST_MS);
+    }
 }
 
 #[test]
@@ -287,33 +326,81 @@ fn difference(a: &[u8], b: &[u8]) -> Vec<usize> {
     (0..a.len()).filter(|&at| a[at] != b[at]).collect()
 }
 
-/// The EEPROMs of a node that saves twice: before, between and after.
-fn saved_twice() -> [Vec<u8>; 3] {
+/// Longer than the older copy needs to become equal to the one in force.
+const REST_MS: u64 = 1000;
+
+/// The EEPROMs of a node that saves twice: before, between, after, and right after the second
+/// response.
+fn saved_twice() -> [Vec<u8>; 4] {
     let mut rig = Rig::running();
     let eeprom = |rig: &mut Rig| rig.board().avr().eeprom();
     let before = eeprom(&mut rig);
     set_marks(&mut rig, 1);
     rig.save();
+    rig.run_ms(REST_MS);
     let between = eeprom(&mut rig);
     set_marks(&mut rig, 2);
     rig.save();
-    [before, between, eeprom(&mut rig)]
+    let saved = eeprom(&mut rig);
+    rig.run_ms(REST_MS);
+    [before, between, eeprom(&mut rig), saved]
+}
+
+/// Addresses in the EEPROM: docs/parameters.md.
+const SELECTOR: [usize; 2] = [0x1E, 0x1F];
+const COPIES: [usize; 2] = [0x20, 0xA0];
+const COPIES_OF_OUTPUTS: [usize; 2] = [0x20, 0x220];
+
+fn copies() -> [usize; 2] {
+    if is_packed() { COPIES_OF_OUTPUTS } else { COPIES }
+}
+
+/// True if the EEPROM has one byte of a value whose upper byte is always zero.
+fn is_packed() -> bool {
+    parameters().iter().any(|(name, ..)| *name == "OUT2_ID")
 }
 
 #[test]
-fn a_wrong_byte_in_the_newest_copy_restores_the_previous_one_and_is_reported() {
-    let [_, between, after] = saved_twice();
-    let newest = difference(&between, &after);
-    assert!(newest.len() > 20);
-    for at in newest.iter().step_by(5) {
+fn a_wrong_byte_at_rest_loses_no_value_and_is_reported_in_the_copy_in_force() {
+    let [_, between, after, _] = saved_twice();
+    let [first, second] = copies();
+    let is_second = after[SELECTOR[0]] == 0xC3;
+    assert!(is_second || after[SELECTOR[0]] == 0x3C);
+    let changed = difference(&between, &after);
+    assert!(changed.iter().filter(|&&at| at > first).count() > 16, "{changed:?}");
+    for at in changed.into_iter().step_by(3).chain(SELECTOR) {
+        let is_in_force = at >= first && (at >= second) == is_second;
         let mut broken = after.clone();
-        broken[*at] ^= 0x40;
+        broken[at] ^= 1 << (at % 8);
         let mut rig = Rig::running_with(&broken);
-        assert_eq!(marks(&mut rig), mark(1), "byte {at}");
-        assert_eq!(rig.next_status(), (CRITICAL, PARAMETERS_LOST));
+        assert_eq!(marks(&mut rig), mark(2), "byte {at:#x}");
+        let expected = if is_in_force { (CRITICAL, PARAMETERS_LOST) } else { (OK, 0) };
+        assert_eq!(rig.next_status(), expected, "byte {at:#x}");
         rig.save();
-        assert_eq!(rig.next_status(), (OK, 0));
+        rig.restart();
+        assert_eq!((marks(&mut rig), rig.next_status()), (mark(2), (OK, 0)), "byte {at:#x}");
     }
+}
+
+/// The response has just left, and the older copy is still complete.
+#[test]
+fn no_broken_bit_of_the_selector_right_after_a_save_restores_older_values() {
+    let [.., saved] = saved_twice();
+    for at in SELECTOR {
+        for bit in 0..8 {
+            let mut broken = saved.clone();
+            broken[at] ^= 1 << bit;
+            let mut rig = Rig::running_with(&broken);
+            assert_eq!(marks(&mut rig), mark(2), "byte {at:#x}, bit {bit}");
+        }
+    }
+    // With neither cell the node says that it may have the older copy.
+    let mut broken = saved;
+    broken[SELECTOR[0]] ^= 1;
+    broken[SELECTOR[1]] ^= 1;
+    let mut rig = Rig::running_with(&broken);
+    assert!([mark(1), mark(2)].contains(&marks(&mut rig)));
+    assert_eq!(rig.next_status(), (CRITICAL, PARAMETERS_LOST));
 }
 
 /// The CRC of the EEPROM's records: CRC-16-CCITT, bit by bit.
@@ -325,52 +412,62 @@ fn crc(start: u16, bytes: &[u8]) -> u16 {
     })
 }
 
-/// Another program or a faulty build may have written such a record. Unchecked, the values would
+/// Bytes of a value in the EEPROM.
+fn cells(&(name, _, min, max): &(&str, i64, i64, i64)) -> usize {
+    // The EEPROM has the bit rate as a number from 0 to 3, or -1 where it is found.
+    let is_byte = if name == "CAN_BAUDRATE" { min != 0 } else { min >= 0 && max < 0x100 };
+    if is_packed() && is_byte { 1 } else { 2 }
+}
+
+/// Another program or a faulty build may have written such a copy. Unchecked, the values would
 /// cause wrong pulses and bit rates.
 #[test]
-fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() {
-    // Addresses and form of a record: docs/parameters.md.
-    const FIRST: usize = 0x20;
-    let len = 2 * parameters().len();
-    let [_, saved, _] = saved_twice();
-    let record = &saved[FIRST..FIRST + len];
-    let right = u16::from_be_bytes([saved[FIRST + len], saved[FIRST + len + 1]]);
+fn values_out_of_range_in_a_valid_copy_become_the_defaults_and_are_reported() {
+    let len: usize = parameters().iter().map(cells).sum();
+    let [_, saved, ..] = saved_twice();
+    let first = copies()[0];
+    let right = u16::from_be_bytes([saved[first + len], saved[first + len + 1]]);
     let start = (0..=u16::MAX)
-        .find(|&start| crc(start, record) == right)
-        .expect("the start value of the CRC");
-    let with = |values: &[(usize, u16)]| {
+        .find(|&start| crc(start, &saved[first..first + len]) == right)
+        .expect("the start value of the CRC: docs/parameters.md says what a copy has");
+    let with = |value: Option<u16>| {
         let mut eeprom = saved.clone();
-        for &(index, value) in values {
-            eeprom[FIRST + 2 * index..][..2].copy_from_slice(&value.to_le_bytes());
+        for copy in copies() {
+            if let Some(value) = value {
+                let mut at = copy;
+                for parameter in parameters() {
+                    let bytes = &value.to_le_bytes()[..cells(parameter)];
+                    eeprom[at..at + bytes.len()].copy_from_slice(bytes);
+                    at += bytes.len();
+                }
+            }
+            let sum = crc(start, &eeprom[copy..copy + len]).to_be_bytes();
+            eeprom[copy + len..][..2].copy_from_slice(&sum);
         }
-        let sum = crc(start, &eeprom[FIRST..FIRST + len]).to_be_bytes();
-        eeprom[FIRST + len..][..2].copy_from_slice(&sum);
         eeprom
     };
-    let mut rig = Rig::running_with(&with(&[]));
+    let mut rig = Rig::running_with(&with(None));
     assert_eq!(
         (marks(&mut rig), rig.next_status()),
         (mark(1), (OK, 0)),
-        "the node must accept a record with this CRC"
+        "the node must accept a copy with this CRC"
     );
-    for value in [0xFFFF, 0x8000, 35_968, 200] {
-        let all: Vec<_> = (0..parameters().len()).map(|index| (index, value)).collect();
-        let mut rig = Rig::running_with(&with(&all));
+    for value in [0xFFFF, 0x80F0, 35_968, 200] {
+        let mut rig = Rig::running_with(&with(Some(value)));
         rig.wait_for("a status", 1100, |rig| !rig.statuses().is_empty());
-        for (index, &(name, default, min, max)) in parameters().iter().enumerate() {
-            let number = if min < 0 { i64::from(value as i16) } else { i64::from(value) };
-            let expected = match (name, value) {
-                // The EEPROM has the bit rate as a number from 0 to 3, or -1.
+        for (index, parameter) in parameters().iter().enumerate() {
+            let &(name, default, min, max) = parameter;
+            let stored = if cells(parameter) == 1 { value & 0xFF } else { value };
+            let number = if min < 0 { i64::from(stored as i16) } else { i64::from(stored) };
+            let expected = match (name, stored) {
+                // The bit rate that is found.
                 ("CAN_BAUDRATE", 0xFFFF) if min == 0 => 0,
                 ("CAN_BAUDRATE", _) => default,
                 _ if (min..=max).contains(&number) => number,
                 _ => default,
             };
-            assert_eq!(
-                integer(&rig.parameter_at(index as u16).value),
-                expected,
-                "{name} of {value}"
-            );
+            let found = integer(&rig.parameter_at(index as u16).value);
+            assert_eq!(found, expected, "{name} of {value:#06x} in the EEPROM");
         }
         let (_, code) = rig.next_status();
         assert_eq!(code & PARAMETERS_LOST, PARAMETERS_LOST, "{value}");
@@ -386,7 +483,7 @@ fn values_out_of_range_in_a_valid_record_become_the_defaults_and_are_reported() 
 
 #[test]
 fn without_a_valid_copy_the_defaults_are_in_force_and_the_node_is_critical() {
-    let [before, between, after] = saved_twice();
+    let [before, between, after, _] = saved_twice();
     let mut broken = after.clone();
     for at in difference(&before, &between).into_iter().chain(difference(&between, &after)) {
         broken[at] = after[at] ^ 0x40;

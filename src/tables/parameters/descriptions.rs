@@ -17,8 +17,33 @@ pub(super) const MAX_NAME_LEN: usize = 16;
 /// negative.
 pub(super) const VALUE_LEN: u8 = 2;
 
-/// Bytes of the values of all parameters.
-pub(crate) const VALUES_LEN: u8 = VALUE_LEN * COUNT as u8;
+/// Values that the EEPROM of a single output has room for with two bytes of each.
+const UNPACKED: usize = 45;
+
+/// True if the EEPROM has one byte of a value whose upper byte is always zero. Where two bytes of
+/// each have room, flash is scarcer.
+pub(crate) const IS_PACKED: bool = OUTPUTS > 1 || COUNT > UNPACKED;
+
+/// Bytes of the values of all parameters in EEPROM.
+pub const CELLS: usize = {
+    let mut cells = 0;
+    let mut n = 0;
+    while n < ROWS {
+        let (_, min, max, _) = row(n);
+        let is_byte = IS_PACKED && (min as u16 | max as u16) < 0x100;
+        let times = if n < SINGLE.len() { 1 } else { OUTPUTS };
+        cells += times * if is_byte { 1 } else { VALUE_LEN as usize };
+        n += 1;
+    }
+    cells
+};
+
+/// True if the upper byte of the parameter with this index is always zero.
+#[inline(always)]
+pub(crate) fn is_byte(index: u8, flash: impl Progmem<Descriptions>) -> bool {
+    let at = place(MAXIMA + 1, At::new(index).row);
+    flash.byte(at) | flash.byte(at.wrapping_add(COLUMN_LEN)) == 0
+}
 
 /// Bytes of a column of values in flash.
 const COLUMN_LEN: u16 = VALUE_LEN as u16 * ROWS as u16;
@@ -96,10 +121,14 @@ pub const PACKED: [u8; LEN] = {
     packed
 };
 
-/// The CRC of the number of outputs, and of all names and ranges. That of CAN_BAUDRATE begins at 0
-/// also where it begins at -1: the values that another build has saved mean the same.
+/// The version of the form in which the EEPROM has the parameters.
+pub(super) const LAYOUT: u8 = 5;
+
+/// The CRC of the layout, of the number of outputs, and of all names and ranges. That of
+/// CAN_BAUDRATE begins at 0 also where it begins at -1: the values that another build has saved
+/// mean the same.
 pub const DIGEST: u16 = {
-    let mut digest = crc::step(0xFFFF, OUTPUTS as u8);
+    let mut digest = crc::step(crc::step(0xFFFF, LAYOUT), OUTPUTS as u8);
     let mut n = 0;
     while n < ROWS {
         let (name, mut min, max, _) = row(n);

@@ -19,7 +19,7 @@ fn table() -> std::vec::Vec<(std::string::String, i32, i32, i32)> {
 }
 
 #[test]
-fn the_digest_is_the_crc_of_the_number_of_outputs_and_all_names_and_ranges() {
+fn the_digest_is_the_crc_of_layout_number_of_outputs_and_all_names_and_ranges() {
     let range =
         |min: i32, max: i32| [(min as u16).to_le_bytes(), (max as u16).to_le_bytes()].concat();
     let rows = SINGLE.iter().chain(TEMPLATE);
@@ -28,7 +28,7 @@ fn the_digest_is_the_crc_of_the_number_of_outputs_and_all_names_and_ranges() {
         let min = if name == "CAN_BAUDRATE" { 0 } else { min };
         [name.as_bytes(), &range(min, max)].concat()
     });
-    assert_eq!(DIGEST, std::iter::once(OUTPUTS as u8).chain(bytes).fold(0xFFFF, crc::step));
+    assert_eq!(DIGEST, [LAYOUT, OUTPUTS as u8].into_iter().chain(bytes).fold(0xFFFF, crc::step));
 }
 
 /// Sets a parameter to a number. Returns false if it does not fit in 32 bits.

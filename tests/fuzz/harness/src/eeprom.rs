@@ -23,14 +23,15 @@ use crate::steps::Type;
 /// of the input that requests a valid CRC.
 const RECORDS: [(usize, usize, u16, u8); 3] = [
     (0x04, 16, 0x0100, 1 << 0),
-    (0x20, 2 * parameters::COUNT, parameters::DIGEST, 1 << 1),
-    (0x120, 2 * parameters::COUNT, parameters::DIGEST, 1 << 2),
+    (0x20, parameters::CELLS, parameters::DIGEST, 1 << 1),
+    (SECOND_COPY, parameters::CELLS, parameters::DIGEST, 1 << 2),
 ];
+
+const SECOND_COPY: usize = if OUTPUTS == 1 { 0xA0 } else { 0x220 };
 
 /// Writes a valid CRC into a record.
 fn write_valid_crc(cells: &mut [u8; EEPROM_LEN], start: usize, len: usize, sum: u16) {
-    let marker = cells[start + len + 2];
-    let crc = crc::feed(sum ^ u16::from(marker), &cells[start..start + len]);
+    let crc = crc::feed(sum, &cells[start..start + len]);
     cells[start + len..start + len + 2].copy_from_slice(&crc.to_be_bytes());
 }
 
@@ -86,15 +87,6 @@ pub fn run(input: &[u8]) {
     }
     for (start, len, sum, bit) in RECORDS {
         if right & bit != 0 {
-            if sum == parameters::DIGEST {
-                // The node's own records have no range of 16 bits, with which its products would
-                // overflow.
-                for output in 0..OUTPUTS {
-                    let index = usize::from(OutputParameter::Range.index(output));
-                    let range = memory.cells[start + 2 * index..].first_chunk_mut().unwrap();
-                    *range = u16::from_le_bytes(*range).min(360).to_le_bytes();
-                }
-            }
             write_valid_crc(&mut memory.cells, start, len, sum);
         }
     }
