@@ -144,7 +144,7 @@ firmwares: setup-build
 	@set -e; for board in "" "$(UNO)" "$(UNO_MODULE)"; do scripts/boot $$board; done
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware --gdb
-	@scripts/firmware $(UNO) full default tunnel relay rpm escs outputs,rpm
+	@scripts/firmware $(UNO) full default tunnel relay rpm outputs,rpm
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
 # Cargo unites features over the packages of one call: the one that needs another feature has its own.
@@ -203,7 +203,7 @@ test-uno: firmwares third-party test-programs
 	NODE_BOARD=uno NODE_SHIELD=seeed $(BOARD_TESTS) $(ON_UNO)
 test-bounds: test-programs firmwares
 	nice scripts/bounds $(SHIPPED)
-	nice scripts/bounds $(UNO) full default escs outputs,rpm
+	nice scripts/bounds $(UNO) full default outputs,rpm
 	set -e; for board in "" "$(UNO)"; do nice scripts/bounds $$board --boot; done
 	nice cargo test -p tests -p bridge --test judge -- --nocapture
 test-clients: test-programs firmwares $(VENV)/gui $(TOOLS)/bin/ravedude
@@ -292,7 +292,7 @@ bench: setup-simavr firmware third-party ## measure the firmware in cycles of th
 	@$(SUB) losses bounds-page
 shipped: setup-simavr
 	@scripts/firmware $(SHIPPED)
-	@scripts/firmware $(UNO) full escs
+	@scripts/firmware $(UNO) full
 losses: shipped ## count the frames lost on a full bus, ten minutes of each kind: hours  (BOARD=uno; MINUTES=0.1; WHY=1; ONLY=position)
 	$(ON_BOARD) $(ON_CORE) MINUTES='$(MINUTES)' WHY='$(WHY)' ONLY='$(ONLY)' cargo bench --bench loss
 bounds-page: shipped ## what "make bounds" proves, beside what the simulator observes, in docs/benchmarks.md

@@ -81,11 +81,11 @@ fn the_programs_that_ship_stay_within_their_bounds_on_a_full_bus() {
 #[ignore = "takes long: make test-all"]
 fn each_annotation_says_something_about_a_program_that_is_built() {
     let annotations = fs::read_to_string(root().join("avr-specs/bounds.toml")).expect("a file");
-    let of_each =
-        [("diecimila", ["default", "remote", "thesis"]), ("uno", ["full", "escs", "outputs,rpm"])];
+    let of_each: [(&str, &[&str]); 2] =
+        [("diecimila", &["default", "remote", "thesis"]), ("uno", &["full", "outputs,rpm"])];
     let elves: Vec<PathBuf> = of_each
         .into_iter()
-        .flat_map(|(board, names)| names.map(|name| firmware_for(board, "seeed", name)))
+        .flat_map(|(board, names)| names.iter().map(move |name| firmware_for(board, "seeed", name)))
         .map(|elf| elf.unwrap_or_else(|error| panic!("{error:#}")))
         .collect();
     let unused = parallel::each(&elves, |elf| proved(elf, &annotations).unused);

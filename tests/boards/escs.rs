@@ -205,7 +205,7 @@ fn a_restart_cuts_no_fast_pulse() {
 /// What does not go together is refused, in whatever order it is set, and the log says what to set.
 #[test]
 fn rates_and_types_that_do_not_go_together_are_refused() {
-    let mut rig = Program::With("escs").running();
+    let mut rig = Program::Full.running();
     let refused = |rig: &mut Rig, name: &str, value: i64, before: i64, line: &str| {
         rig.run_ms(50);
         rig.serial.clear();

@@ -130,9 +130,9 @@ const tests = {
     await page.evaluate((text) => {
       const files = new DataTransfer();
       const bytes = Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
-      files.items.add(new File([bytes], "motors.elf"));
+      files.items.add(new File([bytes], "own.elf"));
       document.dispatchEvent(new DragEvent("drop", { dataTransfer: files, cancelable: true }));
-    }, readFileSync(elf("uno-seeed-escs.elf"), "base64"));
+    }, readFileSync(elf("uno-seeed.elf"), "base64"));
     await until(page, "the file is chosen", async () => (await page.locator("#real-preset").inputValue()) === "");
     await flash(page);
     return status(page);
@@ -163,7 +163,7 @@ const tests = {
   },
 
   async "an upload that is cut leaves a board that does nothing, and the next one works"(t) {
-    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", optiboot(), "--elf", elf("uno-seeed-escs.elf")];
+    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", optiboot(), "--elf", elf("uno-seeed.elf")];
     const { page, board } = await open(t, options);
     await page.click("#real-connect");
     await prints(page, /DroneCAN servo node/);

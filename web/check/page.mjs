@@ -616,7 +616,6 @@ const tests = {
 
   async "four motors turn at 400 Hz, as their sliders say, and stop when disarmed"(t) {
     const page = await open(t);
-    await page.selectOption("#program", "Uno: four motors at 400 Hz");
     await until("the parameters", async () => /parameters read/.test(await text(page, "#client")));
     await page.getByRole("button", { name: "Use four motors" }).click();
     await until("four motors", async () => (await page.locator(".propeller").count()) === 4);

@@ -91,7 +91,7 @@ async function twoDrawn(page) {
 const rows = [
   ["a servo (Diecimila: default)", measure("diecimila-seeed.elf")],
   ["eight outputs (Uno: full)", measure("uno-seeed.elf", (page) => eight(page))],
-  ["a servo node and a node of four motors", measure("uno-seeed.elf", (page) => page.add_second(program("uno-seeed-escs.elf")))],
+  ["a servo node and a node of four motors", measure("uno-seeed.elf", (page) => page.add_second(program("uno-seeed.elf")))],
   ["a full bus (Uno: full)", measure("uno-seeed.elf", (page) => page.inject("babble"))],
 ];
 const drawn = [

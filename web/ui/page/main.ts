@@ -75,7 +75,7 @@ class Page {
   /** True while a slider holds an output. */
   private isHeld = false;
   /** What "Use all outputs" does next, and when; null when it does nothing. */
-  private expand: { step: "disarm" | "arm"; at: number } | null = null;
+  private expand: { step: "disarm" | "arm"; at: number; settings: [string, number][] } | null = null;
   private current: Choice = PROGRAMS[0];
   private keptAt = 0;
   /** True until the parameters of the started node are asked for. */
@@ -411,15 +411,14 @@ class Page {
   private showAllOutputs() {
     const { now, outputs, autopilot, client } = this.snapshot;
     const used = outputs.filter((output) => output.width_us !== null).length;
-    byId("all-outputs").hidden = outputs.length === 1 || used !== 1 || this.expand !== null;
-    const hasEscs = client.parameters.some(({ name }) => name === "ESC_RATE");
-    setText(byId("all-outputs"), hasEscs ? "Use four motors" : "Use all outputs");
+    const isOffered = outputs.length > 1 && used === 1 && this.expand === null;
+    byId("all-outputs").hidden = !isOffered;
+    byId("four-motors").hidden = !isOffered || !client.parameters.some(({ name }) => name === "ESC_RATE");
     if (this.expand?.step === "disarm" && now >= this.expand.at) {
-      const settings = hasEscs ? this.fourMotors : [["OUT_COUNT", outputs.length] as const];
-      settings.forEach(([name, value]) => this.simulation.set_parameter(name, value));
+      this.expand.settings.forEach(([name, value]) => this.simulation.set_parameter(name, value));
       this.simulation.save_parameters();
       this.simulation.restart();
-      this.expand = { step: "arm", at: now + RESTART_S };
+      this.expand = { ...this.expand, step: "arm", at: now + RESTART_S };
     } else if (this.expand?.step === "arm" && (used > 1 || now >= this.expand.at)) {
       this.expand = null;
       if (!autopilot.armed) {
@@ -536,12 +535,14 @@ class Page {
       this.hasSecond = this.snapshot.second.length > 0;
       setPressed(byId("second"), this.hasSecond);
     });
-    click("all-outputs", () => {
+    const expandTo = (settings: [string, number][]) => {
       if (this.snapshot.autopilot.armed) {
         this.simulation.inject("disarm");
       }
-      this.expand = { step: "disarm", at: this.snapshot.now + DISARM_S };
-    });
+      this.expand = { step: "disarm", at: this.snapshot.now + DISARM_S, settings };
+    };
+    click("all-outputs", () => expandTo([["OUT_COUNT", this.snapshot.outputs.length]]));
+    click("four-motors", () => expandTo(this.fourMotors));
     click("candump", () => download("bus.log", this.simulation.candump() as BlobPart));
     click("pcap", () => download("bus.pcap", this.simulation.pcap() as BlobPart));
     click("lines", () => download("monitor.txt", this.monitor.text()));

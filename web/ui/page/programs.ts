@@ -6,7 +6,6 @@ import unoLoader from "programs/boot-uno-seeed.hex";
 import diecimila from "programs/diecimila-seeed.elf";
 import remote from "programs/diecimila-seeed-remote.elf";
 import thesis from "programs/diecimila-seeed-thesis.elf";
-import motors from "programs/uno-seeed-escs.elf";
 import uno from "programs/uno-seeed.elf";
 
 export interface Choice {
@@ -22,11 +21,10 @@ export interface Choice {
 }
 
 /** The program of the second board. */
-export const SECOND = motors;
+export const SECOND = uno;
 
 export const PROGRAMS: Choice[] = [
   { name: "Uno: full, eight outputs", bytes: uno, loader: unoLoader, autopilot: "ardupilot" },
-  { name: "Uno: four motors at 400 Hz", bytes: motors, autopilot: "ardupilot" },
   { name: "Diecimila: default", bytes: diecimila, autopilot: "ardupilot" },
   { name: "Diecimila: remote", bytes: remote, loader: diecimilaLoader, autopilot: "px4" },
   { name: "Diecimila: thesis of 2014", bytes: thesis, autopilot: "thesis" },

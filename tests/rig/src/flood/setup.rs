@@ -18,8 +18,6 @@ pub enum Preset {
     Remote,
     Thesis,
     Full,
-    /// No preset, but the feature `escs`.
-    Escs,
 }
 
 /// The pulses of motors: ESC_PWM_TYPE and ESC_RATE.
@@ -62,9 +60,9 @@ impl Setup {
         Setup { preset, servos, motors, escs: Escs::Slow }
     }
 
-    /// The program with the feature `escs`, and so many motors that have these pulses.
+    /// The preset `full` with so many motors that have these pulses.
     pub const fn of_escs(motors: usize, escs: Escs) -> Setup {
-        Setup { escs, ..Setup::of(Preset::Escs, 0, motors) }
+        Setup { escs, ..Setup::of(Preset::Full, 0, motors) }
     }
 
     /// Number of outputs in use.
@@ -74,7 +72,7 @@ impl Setup {
 
     /// The board that the program is for, with a Seeed shield.
     pub fn board(&self) -> &'static str {
-        if matches!(self.preset, Preset::Full | Preset::Escs) { "uno" } else { "diecimila" }
+        if self.preset == Preset::Full { "uno" } else { "diecimila" }
     }
 
     /// The chip that the program is for.
@@ -143,11 +141,14 @@ impl fmt::Display for Setup {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", format!("{:?}", self.preset).to_lowercase())?;
         match (self.preset, self.servos, self.motors) {
-            (Preset::Full, servos, 0) => write!(f, ", servos {servos}"),
-            (Preset::Full, 0, motors) => write!(f, ", motors {motors}"),
-            (Preset::Escs, _, motors) => write!(f, ", motors {motors}, {:?}", self.escs),
-            (Preset::Full, servos, motors) => write!(f, ", servos {servos}, motors {motors}"),
-            _ => Ok(()),
+            (Preset::Full, servos, 0) => write!(f, ", servos {servos}")?,
+            (Preset::Full, 0, motors) => write!(f, ", motors {motors}")?,
+            (Preset::Full, servos, motors) => write!(f, ", servos {servos}, motors {motors}")?,
+            _ => (),
+        }
+        match self.escs {
+            Escs::Slow => Ok(()),
+            fast => write!(f, ", {fast:?}"),
         }
     }
 }

@@ -176,7 +176,7 @@ impl Source {
             return self.transfer(self.traffic, SENDERS[0]);
         }
         let [first, second] = SENDERS.map(|sender| self.transfer(self.traffic, sender));
-        if !matches!(self.setup.preset, Preset::Full | Preset::Escs) {
+        if self.setup.preset != Preset::Full {
             return [first, second].concat();
         }
         let (mut first, mut second) = (first.into_iter(), second.into_iter());
