@@ -10,7 +10,6 @@ ROOM = re.compile(r"^//! \* \[`(\w+)`\]", re.MULTILINE)
 MODULE = re.compile(r'(?:path = "([^"]+)"\)?\]\s*(?:#\[[^\n]*\]\s*)*)?(?:pub )?mod (\w+);')
 USE = re.compile(r"^\s*(pub(?:\([^)]*\))? )?use ([^;]+);", re.MULTILINE)
 PATH = re.compile(r"\b(?:crate|super|firmware)(?:::\w+)+")
-MOST_LAYERS = 7
 
 
 def leaves(tree):
@@ -117,23 +116,8 @@ class Imports:
                 if room_of(used) != room_of(name) and above < below:
                     yield f"{name}: uses {used}, which is above it (src/lib.rs has the order)"
 
-    def layers(self, folder):
-        """The longest chain of imports in a folder that has no circle."""
-
-        def chain(name):
-            inside = [chain(used) for used in self.uses[name] if used.startswith(folder)]
-            return [name, *max(inside, key=len, default=[])]
-
-        return max((chain(name) for name in self.uses if name.startswith(folder)), key=len)
-
 
 def problems(sources):
-    """What is wrong with the imports of src/, and the number of layers of src/node/."""
+    """What is wrong with the imports of src/."""
     imports = Imports(sources)
-    found = [*imports.circles(), *imports.rising()]
-    if found:
-        return found, 0
-    chain = imports.layers("src/node/")
-    if len(chain) > MOST_LAYERS:
-        found.append(f"src/node/: {len(chain)} layers of {MOST_LAYERS}: " + " > ".join(chain))
-    return found, len(chain)
+    return [*imports.circles(), *imports.rising()]
