@@ -375,14 +375,14 @@ impl Board {
         duty.unwrap_or(if self.pin(pin) { 1.0 } else { 0.0 })
     }
 
-    /// Counts from now on how the program uses a pin together with the SPI.
+    /// Counts from now on how the program uses a pin together with the SPI: with the bytes that are
+    /// not for the MCP2515, or the pulses of a servo between two frames would look like a select.
     pub fn watch_use(&mut self, pin: Pin) -> Rc<Cell<PinUse>> {
         let used = Rc::new(Cell::new(PinUse::default()));
         let (seen, wires) = (Rc::clone(&used), Rc::clone(&self.wires));
         let watcher = move |level, _| {
-            let SpiUse { bytes, bytes_elsewhere, .. } = wires.spi_use.get();
             let mut now = seen.get();
-            now.edge(level, bytes + bytes_elsewhere);
+            now.edge(level, wires.spi_use.get().bytes_elsewhere);
             seen.set(now);
         };
         self.avr.watch_pin(pin.port(), pin.bit(), Box::new(watcher));
