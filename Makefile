@@ -25,7 +25,7 @@ TOOLS := $(TARGET_DIR)/tools
 
 # The words of users, and of tests. Make ignores a misspelt one: it would build for another board.
 WORDS := BOARD SHIELD CS INT CRYSTAL FEATURES PORT ARGS PREFIX NODE BUS FILE PROGRAMMER STOCK WEB_PORT HOURS \
-	SEED TIME PROCESSOR MINUTES WHY ONLY REV FUZZ_SEED CROSS_SECONDS CROSS_SEED CROSS_BROWSER
+	SEED TIME PROCESSOR MINUTES WHY ONLY REV AVR_HAL FUZZ_SEED CROSS_SECONDS CROSS_SEED CROSS_BROWSER
 OTHER_WORDS := PROGRAMS PRESETS SHIPPED ON_UNO TEST_FILES TEST_OPTIONS CLIENTS WEB_TESTS CHROMIUM CARGO_% FUZZ_% JUDGE_% NODE_%
 $(foreach name,$(.VARIABLES),$(if $(findstring command line,$(origin $(name))),$(if \
 	$(filter $(WORDS) $(OTHER_WORDS),$(name)),,$(error $(name)= is wrong. make has the words $(WORDS)))))
@@ -206,7 +206,12 @@ test-bounds: test-programs firmwares
 	nice scripts/bounds $(UNO) full default outputs,rpm
 	set -e; for board in "" "$(UNO)"; do nice scripts/bounds $$board --boot; done
 	nice cargo test -p tests -p bridge --test judge -- --nocapture
+# The test of the clients runs what this leaves.
+own-node-uno: test-programs $(VENV)/installed ## own-node on an Uno and a Diecimila with arduino-hal: build, bounds, tests  (AVR_HAL=path of a clone of avr-hal)
+	@AVR_HAL='$(AVR_HAL)' scripts/own-node-uno
+	$(VENV)/bin/python -m pytest -q tests/clients/test_own_node_uno.py
 test-clients: test-programs firmwares $(VENV)/gui $(TOOLS)/bin/ravedude
+	@AVR_HAL='$(AVR_HAL)' nice scripts/own-node-uno --if-reachable
 	$(VENV)/bin/python -m pytest -q -n 4 --dist loadfile -m '$(or $(CLIENTS),not long)' tests/clients
 pages: firmwares
 	scripts/docs --measured
@@ -223,6 +228,7 @@ sources:
 	cargo fmt --all --check
 	cargo fmt --manifest-path tests/fuzz/Cargo.toml --check
 	cargo fmt $(BOARDS) -p own-node-rp2040 -p own-node-stm32f103 --check
+	cargo fmt --manifest-path crates/own-node/boards/uno/Cargo.toml --check
 	scripts/lint
 	scripts/docs
 	set -e; for page in drawings elf-mutants wiring-page release-page; do scripts/$$page --check; done
