@@ -8,6 +8,8 @@ use crate::tables::output_kinds::for_output_kinds;
 use crate::tables::parameters::{OutputParameter, Parameters};
 use servos::Servos;
 
+#[allow(dead_code, reason = "a build may have no kind that drives levels")]
+mod levels;
 #[cfg(feature = "outputs")]
 mod motors;
 #[cfg(feature = "relay")]

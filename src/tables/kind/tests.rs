@@ -42,7 +42,17 @@ const RECEIVED: &[(Kind, u16)] = &[
 
 #[test]
 fn the_table_has_these_and_no_others() {
-    assert_eq!(Kind::ALL.len(), REQUESTS.len() + RECEIVED.len());
+    let known: Vec<Kind> =
+        REQUESTS.iter().map(|row| row.0).chain(RECEIVED.iter().map(|row| row.0)).collect();
+    for kind in Kind::ALL {
+        assert!(
+            known.contains(kind),
+            "{kind:?}, type {}, has no row above: docs/contributing.md, Add a message that the \
+             node receives",
+            kind.id()
+        );
+    }
+    assert_eq!(Kind::ALL.len(), known.len());
 }
 
 #[test]
@@ -144,7 +154,14 @@ fn what_the_node_sends_has_the_ids_of_the_dsdl() {
     ]
     .into_iter()
     .filter(|(publication, _)| *publication != Publication::NONE);
-    assert_eq!(sent.clone().count(), Publication::all().count());
+    for publication in Publication::all() {
+        assert!(
+            sent.clone().any(|(known, _)| known == publication),
+            "{publication:?}, type {}, has no row above: docs/contributing.md, Add a message that \
+             the node sends",
+            publication.data_type()
+        );
+    }
     for (publication, data_type) in sent {
         assert_eq!(publication.data_type(), data_type, "{publication:?}");
     }

@@ -4,6 +4,7 @@
 use super::super::kind::Kind;
 use super::super::output::Output;
 use super::super::pulses::Pulses;
+use super::levels::Levels;
 use crate::hardware::OUTPUTS;
 use crate::tables::parameters::{OutputParameter, Parameter, Parameters};
 
@@ -13,14 +14,10 @@ pub struct Relays {
     held: u8,
     /// Relays whose pin is low while they hold.
     reversed: u8,
-    /// Outputs whose pins have the level of a relay.
-    driven: u8,
     /// For each output: beginnings of a second until the relay goes to the state of RELAY_START; 0
     /// for never. One more than RELAY_TIMEOUT, because the first may come at once.
     left_s: [u16; OUTPUTS],
-    /// The output whose level was set last, and its bit.
-    shown: u8,
-    shown_bit: u8,
+    levels: Levels,
     /// Relays whose hardpoint.Status was sent in this round.
     reported: u8,
 }
@@ -32,10 +29,8 @@ impl Relays {
             relays: 0,
             held: 0,
             reversed: 0,
-            driven: 0,
             left_s: [0; OUTPUTS],
-            shown: 0,
-            shown_bit: 0,
+            levels: Levels::new(),
             reported: 0,
         }
     }
@@ -114,20 +109,7 @@ impl Kind for Relays {
         }
     }
 
-    /// Sets the level of one output's pin: that of each output once in eight calls.
     fn show(&mut self, board: &mut impl Pulses) {
-        self.shown += 1;
-        self.shown_bit <<= 1;
-        if self.shown_bit == 0 {
-            (self.shown, self.shown_bit) = (0, 1);
-        }
-        let bit = self.shown_bit;
-        if (self.relays | self.driven) & bit == 0 {
-            return;
-        }
-        // The pin of an output that is no relay any more becomes low once.
-        self.driven = self.driven & !bit | self.relays & bit;
-        let is_high = (self.held ^ self.reversed) & self.relays & bit != 0;
-        board.set_level(self.shown.into(), is_high);
+        self.levels.drive(self.relays, self.held ^ self.reversed, board);
     }
 }
