@@ -209,6 +209,7 @@ test-bounds: test-programs firmwares
 # The test of the clients runs what this leaves.
 own-node-uno: test-programs $(VENV)/installed ## own-node on an Uno and a Diecimila with arduino-hal: build, bounds, tests  (AVR_HAL=path of a clone of avr-hal)
 	@AVR_HAL='$(AVR_HAL)' scripts/own-node-uno
+	cargo test -p bench --test all -- --ignored own_node_uno::
 	$(VENV)/bin/python -m pytest -q tests/clients/test_own_node_uno.py
 test-clients: test-programs firmwares $(VENV)/gui $(TOOLS)/bin/ravedude
 	@AVR_HAL='$(AVR_HAL)' nice scripts/own-node-uno --if-reachable

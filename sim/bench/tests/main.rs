@@ -12,5 +12,6 @@ mod avr_twi;
 mod avr_unmodelled;
 mod opcodes;
 mod own_node;
+mod own_node_uno;
 mod programs_on_core;
 mod third_party;
