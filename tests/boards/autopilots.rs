@@ -1,7 +1,13 @@
 //! The simulator's ArduPilot and PX4: the node follows each, with only parameters changed.
 
+use std::fs::File;
+use std::io::{BufRead, BufReader};
+
 use bench::Cycles;
 use bench::autopilot::{Profile, Settings};
+use bench::can::Frame;
+use bench::dronecan::Message;
+use flate2::read::GzDecoder;
 use rig::manage::ms_between;
 use rig::status::{ERROR, FAILSAFE, OK};
 use rig::{MS, Program, Rig, status_fields};
@@ -11,11 +17,16 @@ const PX4: u32 = 1;
 
 /// A running node with these parameters, and this autopilot.
 fn flying(profile: Profile, actuator: u8, parameters: &[(&str, i64)]) -> Rig {
+    flying_as(Settings::of(profile), actuator, parameters)
+}
+
+/// The same, with more settings.
+fn flying_as(settings: Settings, actuator: u8, parameters: &[(&str, i64)]) -> Rig {
     let mut rig = Rig::running();
     for (name, value) in parameters {
         rig.set(name, *value);
     }
-    rig.attach_autopilot(Settings { actuator, ..Settings::of(profile) });
+    rig.attach_autopilot(Settings { actuator, ..settings });
     rig.autopilot().hold(0.5);
     rig.run_ms(30);
     rig.forget();
@@ -64,14 +75,16 @@ fn it_follows_ardupilot_s_pulse_widths() {
 
 #[test]
 fn it_follows_px4_s_servos_counted_from_0() {
-    for actuator in [0, 7] {
-        let mut rig = flying(Profile::Px4, actuator, &[("OUT1_ID", i64::from(actuator))]);
+    // Before June 2026 PX4 had eight commands in a message.
+    for (actuator, servos, count) in [(0, 15, 9), (14, 15, 9), (7, 8, 5)] {
+        let settings = Settings { servos, ..Settings::of(Profile::Px4) };
+        let mut rig = flying_as(settings, actuator, &[("OUT1_ID", i64::from(actuator))]);
         assert_follows(&mut rig);
         let frames = rig.frames(0x0603_F200 | PX4);
         let starts = starts(&frames);
         assert!(
-            starts.len() > 10 && starts.windows(2).all(|pair| pair[1] - pair[0] == 5),
-            "eight commands are five frames"
+            starts.len() > 10 && starts.windows(2).all(|pair| pair[1] - pair[0] == count),
+            "{servos} commands are {count} frames"
         );
     }
 }
@@ -80,7 +93,7 @@ fn it_follows_px4_s_servos_counted_from_0() {
 /// lost.
 #[test]
 fn it_follows_each_step_of_a_sweep() {
-    for (profile, actuator) in [(Profile::Ardupilot, 15), (Profile::Px4, 7)] {
+    for (profile, actuator) in [(Profile::Ardupilot, 15), (Profile::Px4, 14)] {
         let mut rig = flying(profile, actuator, &[("OUT1_ID", i64::from(actuator))]);
         let now = rig.now();
         rig.autopilot().sweep(now);
@@ -205,7 +218,8 @@ fn assert_disarms_are_no_failsafe(count: u64) {
         assert!(last_power(&mut rig).is_some_and(|at| ms_between(at, disarmed) < 25.0), "{n}");
         rig.autopilot().set_armed(false);
         rig.run_ms(700);
-        let held_ms = ms_between(disarmed, last_power(&mut rig).expect("a pulse"));
+        // It stops at once if the next ArmingStatus comes before the next pulse.
+        let held_ms = last_power(&mut rig).map_or(0.0, |at| ms_between(disarmed, at));
         assert!((0.0..210.0).contains(&held_ms), "{n}: {held_ms} ms");
     }
     let statuses = rig.statuses();
@@ -229,4 +243,81 @@ fn commands_that_are_lost_while_armed_are_a_failsafe_with_the_next_arming_status
         rig.wait_for_line("FAILSAFE of output 3", 200 + 500 + 20);
         assert_eq!(rig.next_status(), (ERROR, FAILSAFE), "{phase_ms}");
     }
+}
+
+/// The frames of a recording in tests/data, each with its time in it.
+fn recording(name: &str) -> Vec<(Cycles, Frame)> {
+    let path = format!("{}/data/{name}.log.gz", env!("CARGO_MANIFEST_DIR"));
+    let file = File::open(&path).unwrap_or_else(|error| panic!("{path}: {error}"));
+    let lines = BufReader::new(GzDecoder::new(file)).lines().map(Result::unwrap);
+    let frame = |line: String| {
+        let (time, frame) = line.strip_prefix('(')?.split_once(") can0 ")?;
+        let micros: f64 = time.parse::<f64>().ok()? * 1e6;
+        Some((micros as u64 * MS / 1000, frame.parse().ok()?))
+    };
+    lines.map(|line| frame(line).expect("a line of candump -L")).collect()
+}
+
+/// The real PX4 read all parameters, armed, commanded four motors and two servos, disarmed, armed
+/// again, and was killed (tests/data/px4).
+#[test]
+fn what_the_real_px4_sent_is_answered_followed_and_ends_in_a_failsafe() {
+    let mut rig = Program::Full.running();
+    rig.set("OUT_COUNT", 6);
+    for motor in 1..=4 {
+        rig.set(&format!("OUT{motor}_TYPE"), 1);
+        rig.set(&format!("OUT{motor}_ID"), motor - 1);
+    }
+    for (name, actuator) in [("OUT5_ID", 0), ("OUT6_ID", 1)] {
+        rig.set(name, actuator);
+    }
+    rig.save();
+    let eeprom = rig.board().avr().eeprom();
+    let mut rig = Program::Full.running_with(&eeprom);
+    rig.forget();
+    let begin = rig.now();
+    let frames = recording("px4/motors");
+    for (at, frame) in &frames {
+        rig.peer.borrow_mut().send_at(begin + at, *frame);
+    }
+    let widths = |rig: &mut Rig, ms: u64| {
+        rig.run_until(begin + ms * MS);
+        let first = rig.pulses.last().copied();
+        let further = rig.board().take_output_pulses();
+        let all = std::iter::once(first).chain(further.iter().map(|of| of.last().copied()));
+        all.map(|pulse| pulse.map_or(0.0, |pulse| pulse.width_us().round())).collect::<Vec<_>>()
+    };
+    for (ms, motors) in [
+        (10_000, [1000.0; 4]),
+        (10_700, [1100.0, 1200.0, 1300.0, 1400.0]),
+        (12_100, [1200.0; 4]),
+        (13_300, [1300.0; 4]),
+        (15_150, [1500.0; 4]),
+        (15_900, [1000.0; 4]),
+        (17_600, [1500.0; 4]),
+    ] {
+        let widths = widths(&mut rig, ms);
+        assert_eq!(widths[..4], motors, "{ms} ms");
+        let command =
+            rig.transfers.iter().rev().find_map(|(_, transfer)| match Message::decode(transfer) {
+                Message::ArrayCommand(commands) => Some(commands),
+                _ => None,
+            });
+        let commands = command.expect("a command");
+        assert_eq!(commands.len(), 15);
+        for (servo, command) in commands.iter().take(2).enumerate() {
+            let expected = 1500.0 + 500.0 * f64::from(command.value.to_f32());
+            assert!((widths[4 + servo] - expected).abs() <= 12.0, "{ms} ms: {widths:?}");
+        }
+    }
+    let answers = rig
+        .transfers
+        .iter()
+        .filter(|(_, transfer)| matches!(Message::decode(transfer), Message::ParameterResponse(_)));
+    assert_eq!(answers.count(), 117);
+    assert_eq!(rig.broken, []);
+    // The motors stop at MOT_TIMEOUT, and the failsafe comes when ArmingStatus is missed, too.
+    assert_eq!(widths(&mut rig, 18_000)[..4], [1000.0; 4]);
+    rig.wait_for_line("FAILSAFE of output", 6000);
+    assert_eq!(rig.next_status().0, ERROR);
 }

@@ -124,6 +124,10 @@ macro_rules! table {
             };
             /// Of Hobbywing (com.hobbywing.esc).
             GET_ESC_ID = message(wire::Message::new(20013, 0x4E2D), "GetEscID", list(0, 8, 3));
+            /// Of dronecan.remoteid. Its first list is not at the end.
+            BASIC_ID = message(
+                wire::Message::new(20030, 0x5B1C_624A_8E4F_C533), "BasicID", list(16, 8, 42),
+            );
         }
         services {
             GET_NODE_INFO = service(

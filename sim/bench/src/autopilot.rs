@@ -3,7 +3,7 @@
 //! The autopilot sends NodeStatus at 1 Hz and commands servos at 50 Hz. One servo or all of them
 //! sweep, or hold a position. On demand it commands motors, too. They are off while disarmed, and
 //! follow the same motion while armed. Its [`Profile`] decides which further messages it sends:
-//! `sim/bench/tests/autopilot_types.rs` compares them with recordings of a real ArduPlane. It
+//! `sim/bench/tests/autopilot_types.rs` compares them with recordings of the real ones. It
 //! answers GetNodeInfo, and on demand it allocates node IDs ([`Allocator`]). It uses one dialect,
 //! and ignores the other.
 //!
@@ -47,6 +47,10 @@ const MOTORS_OFFSET: Cycles = F_CPU_HZ * 3 / 200;
 const NOTIFY_OFFSET: Cycles = F_CPU_HZ / 125;
 const ESC_ID_OFFSET: Cycles = F_CPU_HZ * 9 / 1000;
 const TIME_SYNC_OFFSET: Cycles = F_CPU_HZ * 3 / 500;
+/// Time of the first hardpoint.Command, BasicID and LightsCommand.
+const HARDPOINT_OFFSET: Cycles = F_CPU_HZ * 11 / 1000;
+const IDENTITY_OFFSET: Cycles = F_CPU_HZ * 17 / 1000;
+const LIGHTS_OFFSET: Cycles = F_CPU_HZ * 19 / 1000;
 /// Time of the first GetNodeInfo to a known node.
 const VERIFY_OFFSET: Cycles = F_CPU_HZ * 5;
 /// Commands for motors a second without [`Settings::motor_rate_hz`]: ArduPlane's.
@@ -243,6 +247,9 @@ pub struct Autopilot {
     next_notify_at: Cycles,
     next_esc_id_at: Cycles,
     next_time_sync_at: Cycles,
+    next_hardpoint_at: Cycles,
+    next_identity_at: Cycles,
+    next_lights_at: Cycles,
     next_verify_at: Cycles,
     /// Node that was verified last.
     verified: Option<NodeId>,
@@ -285,6 +292,9 @@ impl Autopilot {
             next_notify_at: now + NOTIFY_OFFSET,
             next_esc_id_at: now + ESC_ID_OFFSET,
             next_time_sync_at: now + TIME_SYNC_OFFSET,
+            next_hardpoint_at: now + HARDPOINT_OFFSET,
+            next_identity_at: now + IDENTITY_OFFSET,
+            next_lights_at: now + LIGHTS_OFFSET,
             next_verify_at: now + VERIFY_OFFSET,
             verified: None,
             answers: VecDeque::new(),

@@ -1,6 +1,5 @@
 //! The simulated autopilots send what the real ones send: the types, their priorities, frames and
-//! rates. ArduPilot is compared with the recordings in tests/data/ardupilot; nobody has recorded a
-//! PX4, so its list is from its sources (see `autopilot/profile.rs`).
+//! rates. They are compared with the recordings in tests/data.
 
 use bench::autopilot::{Autopilot, Profile, Settings};
 use bench::can::{Frame, Id, SoftNode};
@@ -15,7 +14,7 @@ use std::rc::Rc;
 
 const MS: Cycles = F_CPU_HZ / 1000;
 /// Types that a real ArduPilot sends only if a parameter switches them on: `CAN_D1_UC_OPTION` 256
-/// and `NTF_LED_TYPES` 32.
+/// and `NTF_LED_TYPES` 32. PX4 sends LightsCommand unless `UAVCAN_LGT_NUM` is 0, as in its recording.
 const SWITCHED_ON: [&str; 3] = ["Stats", "CanStats", "LightsCommand"];
 
 /// Transfers and frames of one type.
@@ -39,7 +38,7 @@ fn count(counts: &mut Counts, frame: &Frame) {
 
 /// The frames of a recording from `from_s` to `to_s` seconds.
 fn recorded(name: &str, from_s: f64, to_s: f64) -> Counts {
-    let path = format!("{}/../../tests/data/ardupilot/{name}.log.gz", env!("CARGO_MANIFEST_DIR"));
+    let path = format!("{}/../../tests/data/{name}.log.gz", env!("CARGO_MANIFEST_DIR"));
     let lines = BufReader::new(GzDecoder::new(File::open(path).unwrap())).lines();
     let mut counts = Counts::new();
     for line in lines.map(Result::unwrap) {
@@ -141,9 +140,9 @@ fn ardupilot_sends_what_arduplane_sent_while_it_was_disarmed_and_in_flight() {
     let settings = Settings { servos: 7, motors: 3, ..Settings::of(Profile::Ardupilot) };
     let mut bus = Bus::new(settings);
     bus.autopilot.set_armed(false);
-    assert_equal(&bus.run(7), &recorded("flight-arming", 1.1, 8.1));
+    assert_equal(&bus.run(7), &recorded("ardupilot/flight-arming", 1.1, 8.1));
     bus.autopilot.set_armed(true);
-    assert_equal(&bus.run(20), &recorded("flight-arming", 10.0, 30.0));
+    assert_equal(&bus.run(20), &recorded("ardupilot/flight-arming", 10.0, 30.0));
 }
 
 #[test]
@@ -152,7 +151,7 @@ fn ardupilot_sends_what_arduplane_sent_to_eight_fast_motors() {
         Settings { servos: 0, motors: 8, motor_rate_hz: 400, ..Settings::of(Profile::Ardupilot) };
     let mut bus = Bus::new(settings);
     bus.run(3);
-    assert_equal(&bus.run(5), &recorded("motors-400hz", 1.3, 6.3));
+    assert_equal(&bus.run(5), &recorded("ardupilot/motors-400hz", 1.3, 6.3));
 }
 
 #[test]
@@ -166,10 +165,10 @@ fn ardupilot_leaves_the_throttle_out_of_its_commands_while_disarmed() {
     let mut bus = Bus::new(settings);
     bus.run(2);
     // ARMING_REQUIRE 2: armed from 31 to 40 s, then disarmed.
-    assert_equal(&bus.run(9), &recorded("rearm-refused", 31.0, 40.0));
+    assert_equal(&bus.run(9), &recorded("ardupilot/rearm-refused", 31.0, 40.0));
     bus.autopilot.set_armed(false);
     bus.run(1);
-    assert_equal(&bus.run(10), &recorded("rearm-refused", 42.0, 52.0));
+    assert_equal(&bus.run(10), &recorded("ardupilot/rearm-refused", 42.0, 52.0));
 }
 
 /// Priorities and transfers in ten seconds.
@@ -204,6 +203,18 @@ fn the_list_of_ardupilot_s_types() {
     assert_types(settings, false, &expected);
 }
 
+/// PX4 sends as many commands for motors as its loop makes: 322 a second here.
+#[test]
+fn px4_sends_what_px4_sent_while_it_was_armed() {
+    let mut bus =
+        Bus::new(Settings { motors: 4, motor_rate_hz: 322, ..Settings::of(Profile::Px4) });
+    bus.run(2);
+    let mut simulated = bus.run(4);
+    let lights = ("LightsCommand".to_owned(), 31);
+    assert_eq!(simulated.remove(&lights).map(|count| count.transfers), Some(40));
+    assert_equal(&simulated, &recorded("px4/motors", 11.0, 15.0));
+}
+
 #[test]
 fn the_list_of_px4_s_types() {
     let settings = Settings { motors: 4, motor_rate_hz: 400, ..Settings::of(Profile::Px4) };
@@ -212,9 +223,12 @@ fn the_list_of_px4_s_types() {
         ("GlobalTimeSync", 1, 10),
         ("ArrayCommand", 6, 500),
         ("ArmingStatus", 16, 20),
+        ("BasicID", 16, 10),
         ("NodeStatus", 16, 10),
         ("SafetyState", 16, 20),
+        ("hardpoint.Command", 24, 10),
         ("GetNodeInfo request", 30, 1),
+        ("LightsCommand", 31, 100),
     ];
     assert_types(settings, true, &expected);
 }

@@ -122,7 +122,7 @@ pub struct Args {
     #[arg(long, value_name = "ID", value_parser = node_id, allow_hyphen_values = true)]
     pub autopilot_id: Option<NodeId>,
 
-    /// Actuator ID that the autopilot moves, 0 to 255; for ardupilot 1 to 15, for px4 0 to 7; all:
+    /// Actuator ID that the autopilot moves, 0 to 255; for ardupilot 1 to 15, for px4 0 to 14; all:
     /// each with its own phase
     #[arg(
         long,
@@ -134,7 +134,7 @@ pub struct Args {
     pub actuator: Actuator,
 
     /// Number of actuators in each command, from the first ID on; 0 for no ArrayCommand [default:
-    /// 15 for ardupilot and ardupilot-pwm, 8 for px4]
+    /// 15 for ardupilot, ardupilot-pwm and px4, which had 8 before June 2026]
     #[arg(
         long,
         value_name = "NUMBER",
@@ -737,10 +737,10 @@ mod tests {
             ("sim --servos 4", "--autopilot ardupilot or px4"),
             ("sim --omit-disarmed", "--autopilot ardupilot or px4"),
             ("sim --autopilot px4 --get-parameter OUT1_MAX", "use --autopilot ardupilot"),
-            ("sim --autopilot px4 --servos 9", "PX4 commands at most 8"),
+            ("sim --autopilot px4 --servos 16", "PX4 commands at most 15"),
             ("sim --autopilot px4 --motors 13", "PX4 commands at most 12"),
             ("sim --autopilot px4 --command-type pwm", "--autopilot plain"),
-            ("sim --autopilot px4 --actuator 8", "PX4 commands 0 to 7"),
+            ("sim --autopilot px4 --actuator 15", "PX4 commands 0 to 14"),
             ("sim --autopilot ardupilot --actuator 0", "ArduPilot commands 1 to 15"),
             ("sim --autopilot px4 --dialect draft", "--autopilot plain or thesis"),
             ("sim --dialect draft --command-type pwm", "--dialect v0"),

@@ -4,8 +4,8 @@
 //! ArduPilot, libraries/AP_DroneCAN/AP_DroneCAN.cpp at 03337782 (SRV_send_actuator, SRV_send_esc,
 //! safety_state_send, init); PX4, src/drivers/uavcan/actuators/servo.cpp at f929353e, esc.cpp at
 //! 000f5fdb, arming_status.cpp at 2a26f9a6, safety_state.cpp at 25ab311a and uavcan_main.cpp at
-//! 011a4138; libuavcan's global_time_sync_master.hpp; priorities of libcanard's canard.h. Nobody
-//! has recorded a PX4 here.
+//! 011a4138, rgbled.cpp at 06e75a6d; a recording of PX4's driver of August 2026 (tests/data/px4);
+//! libuavcan's global_time_sync_master.hpp; priorities of libcanard's canard.h.
 
 use super::CommandType;
 use crate::dronecan::{Dialect, NodeId};
@@ -25,8 +25,9 @@ pub enum Profile {
     Ardupilot,
     /// ArduPilot with the option to command pulse widths (CAN_Dn_UC_OPTION, bit 4).
     ArdupilotPwm,
-    /// PX4: 8 commands in each message, for actuators 0 to 7, -1 to +1; ArmingStatus, SafetyState
-    /// and GlobalTimeSync.
+    /// PX4: 15 commands in each message, for actuators 0 to 14, -1 to +1 (before June 2026 eight:
+    /// `servos`); ArmingStatus, SafetyState, GlobalTimeSync, hardpoint.Command, BasicID and
+    /// LightsCommand.
     Px4,
     /// No autopilot: only other programs command the node.
     None,
@@ -74,7 +75,7 @@ impl Profile {
     pub(super) fn array(self) -> Option<Array> {
         match self {
             Profile::Ardupilot | Profile::ArdupilotPwm => Some(Array { first: 1, count: 15 }),
-            Profile::Px4 => Some(Array { first: 0, count: 8 }),
+            Profile::Px4 => Some(Array { first: 0, count: 15 }),
             _ => None,
         }
     }
@@ -181,6 +182,21 @@ impl Profile {
     /// Period and priority of GlobalTimeSync.
     pub(super) fn time_sync(self) -> Option<(Cycles, u8)> {
         (self == Profile::Px4).then_some((F_CPU_HZ, 1))
+    }
+
+    /// Priority of hardpoint.Command, once a second: PX4 releases the gripper from its start.
+    pub(super) fn hardpoint_priority(self) -> Option<u8> {
+        (self == Profile::Px4).then_some(24)
+    }
+
+    /// Priority of BasicID, once a second: who the vehicle is.
+    pub(super) fn identity_priority(self) -> Option<u8> {
+        (self == Profile::Px4).then_some(16)
+    }
+
+    /// Period and priority of LightsCommand.
+    pub(super) fn lights(self) -> Option<(Cycles, u8)> {
+        (self == Profile::Px4).then_some((F_CPU_HZ / 10, 31))
     }
 
     /// True if the profile reads parameters of nodes by name.

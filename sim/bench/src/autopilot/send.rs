@@ -7,7 +7,8 @@ use super::{
 };
 use crate::can::Frame;
 use crate::dronecan::{
-    ActuatorCommand, CanId, CommandUnit, DataType, Dialect, Message, NodeId, TransferId, esc, types,
+    ActuatorCommand, CanId, CommandUnit, DataType, Dialect, HardpointCommand, LightCommand,
+    Message, NodeId, TransferId, esc, types,
 };
 use crate::{Cycles, F_CPU_HZ};
 use half::f16;
@@ -33,7 +34,7 @@ impl Autopilot {
             (None, _) | (_, Task::Answer | Task::Ask(_) | Task::Verify) => true,
             (Some(only), Task::Status) => only == Only::Status,
             (Some(only), Task::Command | Task::Motors) => only == Only::Commands,
-            (Some(_), Task::Arming | Task::Notify | Task::EscId | Task::TimeSync) => false,
+            (Some(_), _) => false,
         }
     }
 
@@ -53,6 +54,17 @@ impl Autopilot {
             .chain(also(profile.notify().is_some(), self.next_notify_at, Task::Notify))
             .chain(also(profile.esc_id().is_some(), self.next_esc_id_at, Task::EscId))
             .chain(also(profile.time_sync().is_some(), self.next_time_sync_at, Task::TimeSync))
+            .chain(also(
+                profile.hardpoint_priority().is_some(),
+                self.next_hardpoint_at,
+                Task::Hardpoint,
+            ))
+            .chain(also(
+                profile.identity_priority().is_some(),
+                self.next_identity_at,
+                Task::Identity,
+            ))
+            .chain(also(profile.lights().is_some(), self.next_lights_at, Task::Lights))
             .chain(also(profile.verify_period().is_some(), self.next_verify_at, Task::Verify))
             .chain(self.answers.front().map(|(at, ..)| (*at, Task::Answer)))
             .chain(asked)
@@ -81,10 +93,8 @@ impl Autopilot {
                 self.commands_sent += u64::from(!self.mute);
                 self.broadcast(&command, profile.command_priority())
             }
-            Task::Arming | Task::Motors | Task::Notify | Task::EscId | Task::TimeSync => {
-                self.broadcast_of_profile(task, at)
-            }
             Task::Verify | Task::Answer | Task::Ask(_) => self.request_or_answer(task, at),
+            _ => self.broadcast_of_profile(task, at),
         }
     }
 
@@ -136,6 +146,23 @@ impl Autopilot {
                     &before_us.to_le_bytes()[..7],
                     priority,
                 )
+            }
+            Task::Hardpoint => {
+                self.next_hardpoint_at += F_CPU_HZ;
+                let release = HardpointCommand { hardpoint: 0, command: 0 };
+                let priority = profile.hardpoint_priority().unwrap_or(0);
+                self.broadcast(&Message::HardpointCommand(release), priority)
+            }
+            Task::Identity => {
+                self.next_identity_at += F_CPU_HZ;
+                let priority = profile.identity_priority().unwrap_or(0);
+                self.broadcast_raw(&types::BASIC_ID, &IDENTITY, priority)
+            }
+            Task::Lights => {
+                let (period, priority) = profile.lights().unwrap_or((F_CPU_HZ, 0));
+                self.next_lights_at += period;
+                let light = LightCommand { light: 0, red: 0, green: 0, blue: 31 };
+                self.broadcast(&Message::LightsCommand(vec![light]), priority)
             }
             _ => Vec::new(),
         }
@@ -286,6 +313,9 @@ enum Task {
     Notify,
     EscId,
     TimeSync,
+    Hardpoint,
+    Identity,
+    Lights,
     /// GetNodeInfo to the next known node.
     Verify,
     Answer,
@@ -296,6 +326,13 @@ enum Task {
 pub(super) fn thesis_position(deflection: f64) -> u8 {
     ((deflection + 1.0) * 127.5).round() as u8
 }
+
+/// The payload of PX4's BasicID: no MAC, a serial number, another kind of vehicle, the number.
+const IDENTITY: [u8; 22] = {
+    let mut payload = [0; 22];
+    [payload[0], payload[1], payload[2]] = [0x00, 0x08, 0x79];
+    payload
+};
 
 /// The payload of a NotifyState, as ArduPlane sends it when it can be armed: a heading of 0 degrees
 /// (its type, length and hundredths of a degree, counted backwards from 360), and 64 bits of state.

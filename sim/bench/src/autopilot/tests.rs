@@ -196,8 +196,9 @@ fn first_commands(autopilot: &mut Autopilot) -> Vec<f32> {
 #[test]
 fn all_actuators_sweep_each_with_its_own_phase() {
     let all = |profile, motion| {
-        let mut autopilot =
-            Autopilot::new(Settings { moves: Moves::All, ..Settings::of(profile) }, 1_000_000);
+        let settings = Settings { moves: Moves::All, ..Settings::of(profile) };
+        let servos = if profile == Profile::Px4 { 8 } else { settings.servos };
+        let mut autopilot = Autopilot::new(Settings { servos, ..settings }, 1_000_000);
         autopilot.motion = motion;
         first_commands(&mut autopilot)
     };
@@ -337,19 +338,24 @@ fn ardupilot_sends_arming_status_twice_a_second() {
 }
 
 #[test]
-fn px4_commands_eight_actuators_from_0_with_five_frames() {
-    let mut autopilot =
-        Autopilot::new(Settings { actuator: 0, ..Settings::of(Profile::Px4) }, 1_000_000);
-    autopilot.hold(-1.0);
-    let frames = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
-    assert_eq!(frames.len(), 5);
-    assert!(frames.iter().all(|(_, frame)| frame.id == Id::Extended(0x0603_F201)));
-    let messages = sent(&mut autopilot, COMMAND_OFFSET + COMMAND_PERIOD + 1);
-    let Some((_, Message::ArrayCommand(commands))) = messages.last() else {
-        panic!("{messages:?}")
-    };
-    assert_eq!((commands.len(), commands[0].actuator, commands[7].actuator), (8, 0, 7));
-    assert_eq!(commands[0].value.to_f32(), -1.0);
+fn px4_commands_fifteen_actuators_from_0_with_nine_frames_and_before_june_2026_eight_with_five() {
+    for (servos, count) in [(15, 9), (8, 5)] {
+        let settings = Settings { actuator: 0, servos, ..Settings::of(Profile::Px4) };
+        let mut autopilot = Autopilot::new(settings, 1_000_000);
+        autopilot.hold(-1.0);
+        let frames = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
+        assert_eq!(frames.len(), count);
+        assert!(frames.iter().all(|(_, frame)| frame.id == Id::Extended(0x0603_F201)));
+        let messages = sent(&mut autopilot, COMMAND_OFFSET + COMMAND_PERIOD + 1);
+        let commands = messages.iter().rev().find_map(|(_, message)| match message {
+            Message::ArrayCommand(commands) => Some(commands),
+            _ => None,
+        });
+        let commands = commands.unwrap_or_else(|| panic!("{messages:?}"));
+        let ids: Vec<u8> = commands.iter().map(|command| command.actuator).collect();
+        assert_eq!(ids, (0..servos).collect::<Vec<_>>());
+        assert_eq!(commands[0].value.to_f32(), -1.0);
+    }
 }
 
 #[test]
