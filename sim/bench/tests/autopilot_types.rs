@@ -14,7 +14,8 @@ use std::rc::Rc;
 
 const MS: Cycles = F_CPU_HZ / 1000;
 /// Types that a real ArduPilot sends only if a parameter switches them on: `CAN_D1_UC_OPTION` 256
-/// and `NTF_LED_TYPES` 32. PX4 sends LightsCommand unless `UAVCAN_LGT_NUM` is 0, as in its recording.
+/// and `NTF_LED_TYPES` 32. PX4 sends LightsCommand unless `UAVCAN_LGT_NUM` is 0, as in its
+/// recording.
 const SWITCHED_ON: [&str; 3] = ["Stats", "CanStats", "LightsCommand"];
 
 /// Transfers and frames of one type.
