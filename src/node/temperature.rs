@@ -96,7 +96,7 @@ impl Temperature {
         if self.has_sensor {
             // A whole degree begins five tenths below its value. From a whole multiple of a degree
             // on, so that no number is negative.
-            const { assert!((DEGREE_ZERO + 22) % 64 == 0) };
+            const { assert!((DEGREE_ZERO + 22).is_multiple_of(64)) };
             let tenths = divided(5 * u32::from(self.kelvin_64ths + 22), 32) as u16;
             let zero = (DEGREE_ZERO + 22) / 64 * 10 + 5;
             monitor.log_line(Line::Temperature).set_a(tenths.wrapping_sub(zero));
