@@ -432,7 +432,7 @@ fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
     (loaded.finish(), edges)
 }
 
-/// ArduPilot commands the actuators 1 to 15 in one message, PX4 0 to 7. Each actuator moves with
+/// ArduPilot commands the actuators 1 to 15 in one message, PX4 0 to 14. Each actuator moves with
 /// its own phase.
 #[test]
 fn all_eight_outputs_follow_ardupilot_and_px4() {

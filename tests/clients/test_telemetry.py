@@ -159,15 +159,18 @@ def test_fifteen_commands_like_ardupilot_s_are_followed(bench, servo, unit):
         stream(client, used, lambda: commands, expected)
 
 
-@pytest.mark.parametrize("servo, expected_us", [(0, 1000), (7, 1875)])
-def test_eight_commands_like_px4_s_are_followed(bench, servo, expected_us):
+# PX4 sends 15 commands since June 2026, and sent eight before.
+@pytest.mark.parametrize(
+    "count, servo, expected_us", [(8, 0, 1000), (8, 7, 1875), (15, 0, 1000), (15, 14, 1750)]
+)
+def test_as_many_commands_as_px4_sends_are_followed(bench, count, servo, expected_us):
     used = bench()
     client = used.dronecan(node_id=1)
     client.set("OUT1_ID", servo)
     stream(
         client,
         used,
-        lambda: [(number, UNITLESS, number / 4 - 1) for number in range(8)],
+        lambda: [(number, UNITLESS, number % 8 / 4 - 1) for number in range(count)],
         expected_us,
     )
 

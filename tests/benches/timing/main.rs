@@ -578,7 +578,8 @@ fn main() {
     );
     page.push_str(
         "\n## From command to servo\n\nThe time from the end of a command's last frame to the \
-         write to OCR1B, which sets the next pulse. The limit is 500 us.\n\n",
+         write to OCR1B, which sets the next pulse. The limit is 500 us. ArduPilot sends\n\
+         ArrayCommands of 9 frames (15 commands), and so does PX4 since June 2026.\n\n",
     );
     servo(&mut page, &runs);
     page.push_str(
