@@ -321,3 +321,31 @@ fn what_the_real_px4_sent_is_answered_followed_and_ends_in_a_failsafe() {
     rig.wait_for_line("FAILSAFE of output", 6000);
     assert_eq!(rig.next_status().0, ERROR);
 }
+
+/// The real PX4 had a file for the board on its card, and asked a node that takes no updates 69
+/// times (tests/data/px4). Each request has several frames, between those of the commands.
+#[test]
+fn what_the_real_px4_sent_while_an_update_was_refused_disturbs_no_command() {
+    let mut rig = Rig::running();
+    rig.set("OUT1_ID", 0);
+    rig.forget();
+    let begin = rig.now();
+    let frames = recording("px4/update-refused");
+    for (at, frame) in &frames {
+        rig.peer.borrow_mut().send_at(begin + at, *frame);
+    }
+    let (end, _) = frames.last().expect("a frame");
+    rig.run_until(begin + end);
+    let all: Vec<Message> =
+        rig.transfers.iter().map(|(_, transfer)| Message::decode(transfer)).collect();
+    let is_request = |message: &&Message| matches!(message, Message::BeginUpdate(_));
+    let is_refusal = |message: &&Message| match message {
+        Message::UpdateBegun(answer) => answer.number == 1,
+        _ => false,
+    };
+    assert_eq!(all.iter().filter(is_request).count(), 69);
+    assert_eq!(all.iter().filter(is_refusal).count(), 69, "INVALID_MODE");
+    assert_eq!(rig.broken, []);
+    assert_eq!(rig.pulses.last().map(|pulse| pulse.width_us().round()), Some(1500.0));
+    assert_eq!(rig.next_status(), (OK, 0));
+}
