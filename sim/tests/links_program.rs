@@ -176,6 +176,7 @@ fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
     assert!(avrdude.status.success() && output.contains("verified"), "{output}");
     // Opening the port resets the board again. The bootloader waits before it starts the program.
     let mut client = Client::open(&port);
+    client.set_baud(115_200);
     let opened = Instant::now();
     let mut received = Vec::new();
     wait_for(

@@ -2,12 +2,13 @@
 
 use crate::avr::program;
 use crate::links::{Client, MS, Scratch};
+use anyhow::Result;
 use bench::Bench;
 use bench::avr::{Avr, ResetCause};
 use bench::board::Board;
 use sim::links::Link;
 use sim::links::serial::SerialPort;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A board with an echoing program, and its port.
 struct Stand {
@@ -19,19 +20,26 @@ struct Stand {
 
 impl Stand {
     fn new(avr: Avr) -> Stand {
+        Stand::with_port(avr, |path| SerialPort::open(path, 0, None, true))
+    }
+
+    /// With the port that `open` makes.
+    fn with_port(avr: Avr, open: impl Fn(&Path) -> Result<SerialPort>) -> Stand {
         let scratch = Scratch::new();
         let path = scratch.path("arduino");
         let mut bench = Bench::new(1_000_000);
         bench.add_board(Board::new(avr), "node");
-        let port = SerialPort::open(&path, 0).unwrap();
+        let port = open(&path).unwrap();
         Stand { bench, port, path, _scratch: scratch }
     }
 
     fn run_ms(&mut self, milliseconds: u64) {
         for _ in 0..milliseconds {
             self.bench.run_for_ms(1);
-            let bytes = self.bench.board(0).avr_mut().serial_take();
-            self.port.serial_output(0, &bytes);
+            let avr = self.bench.board(0).avr_mut();
+            let bytes = avr.serial_take();
+            let rate = avr.serial_sent_rate();
+            self.port.serial_output(0, &bytes, rate);
             self.port.serve(&mut self.bench).unwrap();
         }
     }
@@ -160,4 +168,66 @@ fn bytes_that_the_board_does_not_take_are_dropped() {
     stand.run_ms(300);
     assert_eq!(stand.bench.board(0).avr().serial_unsent(), 0);
     assert!(stand.port.status().contains(" 4 bytes lost"), "{}", stand.port.status());
+}
+
+/// A program that reads at 115,200 baud, and echoes.
+#[test]
+fn both_sides_read_garbage_if_the_client_has_another_baud_rate() {
+    let mut stand =
+        Stand::with_port(program("echo", &[]), |path| SerialPort::open(path, 0, None, false));
+    for (baud, is_read) in [(57_600, false), (115_200, true), (230_400, false), (117_000, true)] {
+        let mut client = Client::open(&stand.path);
+        client.set_baud(baud);
+        stand.run_ms(5);
+        assert_eq!(client.read() == b"ready\n", is_read, "{baud} baud to the client");
+        client.write(b"echo");
+        stand.run_ms(5);
+        // What the board has read comes back without the mistakes of the client's receiver.
+        client.set_baud(115_200);
+        stand.run_ms(1);
+        client.write(b"!");
+        stand.run_ms(5);
+        let read = client.read();
+        assert_eq!(read == b"echo!", is_read, "{baud} baud to the board: {read:?}");
+    }
+    let hint = stand.port.take_hint().unwrap();
+    assert!(hint.contains("57600 baud. The board has 117647"), "{hint}");
+}
+
+#[test]
+fn a_client_that_sets_no_baud_rate_is_told_once() {
+    let mut stand =
+        Stand::with_port(program("echo", &[]), |path| SerialPort::open(path, 0, None, false));
+    for time in 0..2 {
+        let mut client = Client::open(&stand.path);
+        stand.run_ms(5);
+        assert_ne!(client.read(), b"ready\n");
+        client.write(b"Is anybody there?");
+        stand.run_ms(50);
+        let hint = stand.port.take_hint();
+        let is_told = hint.as_ref().is_some_and(|hint| hint.contains("stty -F"));
+        assert_eq!(is_told, time == 0, "{hint:?}");
+    }
+}
+
+#[test]
+fn a_client_gets_time_while_a_bootloader_waits_for_its_next_byte() {
+    for boot_section in [Some(0), Some(0x7C00), None] {
+        let mut stand = Stand::with_port(program("echo", &[]), |path| {
+            SerialPort::open(path, 0, boot_section, true)
+        });
+        let mut client = Client::open(&stand.path);
+        stand.run_ms(5);
+        assert!(!stand.port.gives_time(), "a client that only listens");
+        client.write(b"x");
+        stand.run_ms(5);
+        let is_bootloader = boot_section == Some(0);
+        assert_eq!(stand.port.gives_time(), is_bootloader, "{boot_section:?}");
+        client.write(&[b'x'; 100]);
+        stand.run_ms(2);
+        assert!(!stand.port.gives_time(), "bytes are on their way");
+        drop(client);
+        stand.run_ms(20);
+        assert!(!stand.port.gives_time(), "nobody is there");
+    }
 }

@@ -7,6 +7,7 @@ import re
 import shlex
 import signal
 import subprocess
+import time
 import tomllib
 
 import pytest
@@ -54,6 +55,31 @@ def test_avrdude_uploads_through_the_original_bootloader(empty_board):
     used.upload()
     # The node runs if it sends on the bus.
     used.dronecan().wait_for(uavcan.protocol.NodeStatus)
+
+
+def test_a_client_that_gets_no_processor_for_seconds_completes_its_upload(empty_board):
+    used = empty_board
+    upload = used.start(*used.upload_line(node_elf()))
+    for _ in range(3):
+        time.sleep(2)
+        os.killpg(upload.pid, signal.SIGSTOP)
+        # The bootloader waits for a second of simulated time.
+        time.sleep(4)
+        os.killpg(upload.pid, signal.SIGCONT)
+    text = upload.communicate(timeout=120)[0].decode(errors="replace")
+    assert upload.returncode == 0 and re.search(r"bytes of flash verified", text), text
+
+
+def test_avrdude_finds_no_bootloader_at_another_baud_rate(bench):
+    image = BOOTLOADERS / "atmega/ATmegaBOOT_168_atmega328.hex"
+    options = ["--bootloader", image, "--no-program", "--board", "nano", "--shield", "seeed"]
+    line = ["avrdude", "-c", "arduino", "-p", "m328p", "-b", "115200"]
+    # Without the second option it finds the bootloader for 57,600 baud.
+    for more in [[], ["--serial-any-baud"]]:
+        used = bench(*options, *more, serial=True, fresh=True)
+        text = used.run(*line, "-P", used.serial, timeout=120, check=False)
+        assert ("not in sync" not in text and "0x1e950f" in text) == bool(more), text
+        assert ("115200 baud. The board has 58823" in used.text()) != bool(more), used.text()
 
 
 # cargo waits while other parts of "make test" compile.
@@ -114,38 +140,22 @@ def test_cargo_upload_is_short_for_cargo_run():
 
 
 # First address of its section.
-OPTIBOOT = 0x7E00
+OPTIBOOT = 0x7C00
 
 
-def optiboot(directory):
-    """Optiboot for the Uno, built like its own Makefile does, but without the flashes of the light:
-    with them it is too long for its section. The HEX file of the package runs past the end of the
-    flash."""
-    source, elf, hex_file = (
-        BOOTLOADERS / "optiboot/optiboot.c",
-        directory / "optiboot.elf",
-        directory / "optiboot.hex",
-    )
-    flags = (
-        "-Os -fno-inline-small-functions -fno-split-wide-types -mshort-calls -mmcu=atmega328p "
-        "-nostartfiles -nostdlib"
-    )
-    settings = (
-        "-DF_CPU=16000000L -DBAUD_RATE=115200 -DLED_START_FLASHES=0 "
-        f"-Wl,--section-start=.text={OPTIBOOT:#x} -Wl,--relax -w"
-    )
-    subprocess.run(["avr-gcc", *flags.split(), *settings.split(), source, "-o", elf], check=True)
-    subprocess.run(["avr-objcopy", "-j", ".text", "-O", "ihex", elf, hex_file], check=True)
-    return hex_file
+def optiboot():
+    """The bootloader of the Uno."""
+    line = [ROOT / "scripts/optiboot"]
+    return subprocess.run(line, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
 
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("board", "shield"), [("uno", "module"), ("nano", "seeed"), ("duemilanove", "seeed")]
 )
-def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, tmp_path, board, shield):
+def test_make_flash_uploads_to_boards_with_an_atmega328p(bench, board, shield):
     bootloader = (
-        optiboot(tmp_path)
+        optiboot()
         if board == "uno"
         else BOOTLOADERS / "atmega/ATmegaBOOT_168_atmega328.hex"
     )

@@ -91,6 +91,7 @@ pub use processor::{
 pub use pulse::{Pulse, PulseMeter};
 pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
 pub use trace::{Moment, Tracer};
+pub use uart::{byte_read_at, rates_match};
 pub use unmodelled::Unmodelled;
 
 use self::core::Activity;
@@ -414,6 +415,17 @@ impl Avr {
         self.machine.peripherals.uart.borrow_mut().discard_to_chip();
     }
 
+    /// True if the program has looked for a byte on the serial port since `since`, and none is on
+    /// its way in either direction.
+    pub fn polls_serial(&self, since: Cycles) -> bool {
+        self.machine.peripherals.uart.borrow().is_polled(since)
+    }
+
+    /// Rate, in bits per second, of the last byte that the program sent on the serial port.
+    pub fn serial_sent_rate(&self) -> u64 {
+        self.machine.peripherals.uart.borrow().sent_rate()
+    }
+
     /// Number of bytes that the program lost because it read too late.
     pub fn serial_overruns(&self) -> u32 {
         self.machine.peripherals.uart.borrow().overruns()
@@ -422,6 +434,13 @@ impl Avr {
     /// Rate of the serial port, in bits per second, as the program has set it.
     pub fn serial_bits_per_second(&self) -> u64 {
         F_CPU_HZ / uart::Uart::cycles_per_bit(&self.machine.base)
+    }
+
+    /// Sets the rate, in bits per second, at which the other end of the serial port sends; `None`
+    /// is the program's own, whatever it sets. The program reads garbage from a rate that is
+    /// more than 4 % away.
+    pub fn set_serial_line_rate(&mut self, bits_per_second: Option<u64>) {
+        self.machine.peripherals.uart.borrow_mut().set_line_rate(bits_per_second);
     }
 
     /// Duration of a character on the serial port, in CPU cycles, at the rate that the program has

@@ -165,6 +165,7 @@ pub const UCSR0A: u16 = 0xC0;
 pub const RXC0: u8 = 1 << 7;
 pub const TXC0: u8 = 1 << 6;
 pub const UDRE0: u8 = 1 << 5;
+pub const FE0: u8 = 1 << 4;
 pub const DOR0: u8 = 1 << 3;
 pub const U2X0: u8 = 1 << 1;
 pub const MPCM0: u8 = 1 << 0;

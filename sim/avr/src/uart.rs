@@ -2,9 +2,10 @@
 //!
 //! simavr counts 11 bits for a byte of 8N1, has one transmit buffer instead of two, and never loses
 //! a received byte. This model follows the datasheet: a shift register and UDR0 to send, a shift
-//! register and a FIFO of two bytes to receive, and data overrun. The other end sends back to back,
-//! at exactly the rate that the program has set, while the receiver is on. Not
-//! modelled: synchronous modes, parity and framing errors, nine data bits, the pins.
+//! register and a FIFO of two bytes to receive, and data overrun. The other end sends back to back
+//! while the receiver is on, at the rate that the program has set, or at one of its own. Beyond the
+//! tolerance of the receiver a character is read as its samples fall, with a framing error if the
+//! stop bit is 0. Not modelled: synchronous modes, parity errors, nine data bits, the pins.
 
 use std::cell::RefCell;
 use std::collections::VecDeque;
@@ -14,11 +15,10 @@ use super::chip::Chip;
 use super::core::Vector;
 use super::processor::SerialCharacter;
 use super::regs::{
-    DOR0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B, UCSR0C,
-    UCSZ02, UDR0, UDRE0, UDRIE0, UPM0, USBS0,
+    DOR0, FE0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B,
+    UCSR0C, UCSZ02, UDR0, UDRE0, UDRIE0, UPM0, USBS0,
 };
-use sim_base::Cycles;
-use sim_base::Noise;
+use sim_base::{Cycles, F_CPU_HZ, Noise};
 
 /// Expires at the end of the character on TXD.
 const SEND: Timer = Timer::UartSend;
@@ -27,6 +27,43 @@ const RECEIVE: Timer = Timer::UartReceive;
 
 /// Most received bytes that wait for the program (section 20.7.3: "two level FIFO").
 const RECEIVE_FIFO: usize = 2;
+/// Difference between sender and receiver in percent up to which all samples of a character fall
+/// into its bits: half a bit in 9.5, less an eighth for the rate of sampling (section 20.8.3).
+const TOLERANCE_PERCENT: u64 = 4;
+
+/// A character as the receiver has it.
+#[derive(Clone, Copy, Debug)]
+struct Received {
+    byte: u8,
+    /// The stop bit is 0.
+    has_frame_error: bool,
+}
+
+/// True if a receiver at `own` bits per second reads what is sent at `sent` bits per second.
+pub fn rates_match(sent: u64, own: u64) -> bool {
+    sent.abs_diff(own) * 100 <= own * TOLERANCE_PERCENT
+}
+
+/// What a receiver at `own` bits per second makes of a character of 8N1 that is sent at `sent` bits
+/// per second: it samples the middle of its own bits. After the character the line is idle.
+fn read_at(byte: u8, sent: u64, own: u64) -> Received {
+    if rates_match(sent, own) {
+        return Received { byte, has_frame_error: false };
+    }
+    let levels = u16::from(byte) << 1;
+    let is_high = |bit: u64| {
+        let at = (2 * bit + 1) * sent / (2 * own);
+        at >= 9 || levels >> at & 1 == 1
+    };
+    let bits = (0..8).map(|bit| u8::from(is_high(bit + 1)) << bit);
+    Received { byte: bits.sum(), has_frame_error: !is_high(9) }
+}
+
+/// The byte of [`Avr::serial_take`](super::Avr::serial_take) that a receiver at `own` bits per
+/// second reads if the chip sends at `sent` bits per second.
+pub fn byte_read_at(byte: u8, sent: u64, own: u64) -> u8 {
+    read_at(byte, sent, own).byte
+}
 
 /// USART0 and the lines TXD and RXD.
 #[derive(Debug, Default)]
@@ -35,11 +72,17 @@ pub(super) struct Uart {
     send_buffer: Option<u8>,
     sent: Vec<(Cycles, u8)>,
     line: VecDeque<u8>,
-    arriving: Option<u8>,
-    /// Byte that waits in the receive shift register, because the FIFO is full.
-    waiting: Option<u8>,
-    received: VecDeque<u8>,
+    /// Bits per second of the other end; `None` if they are those of the program.
+    line_rate: Option<u64>,
+    arriving: Option<Received>,
+    /// Character that waits in the receive shift register, because the FIFO is full.
+    waiting: Option<Received>,
+    received: VecDeque<Received>,
     overruns: u32,
+    /// Bits per second of the last character that the program has sent.
+    sent_rate: u64,
+    /// Last time at which the program looked for a character and found none.
+    polled_at: Option<Cycles>,
     /// Characters that began since the last `take_trace`, after its first call.
     trace: Option<Vec<SerialCharacter>>,
 }
@@ -74,6 +117,7 @@ impl Peripheral for RefCell<Uart> {
     fn read(&self, base: &Base, address: u16) -> u8 {
         match address {
             UDR0 => self.borrow_mut().read_data(base),
+            UCSR0A => self.borrow_mut().read_status(base),
             _ => base.core.get(address),
         }
     }
@@ -112,7 +156,9 @@ impl Uart {
             trace: self.trace.take(),
             sent: std::mem::take(&mut self.sent),
             line: std::mem::take(&mut self.line),
+            line_rate: self.line_rate,
             overruns: self.overruns,
+            sent_rate: self.sent_rate,
             ..Uart::default()
         };
         base.core.set(UCSR0A, UDRE0);
@@ -179,14 +225,24 @@ impl Uart {
 
     /// Reads UDR0.
     pub fn read_data(&mut self, base: &Base) -> u8 {
-        let value = self.received.pop_front().unwrap_or_default();
+        let value = self.received.pop_front().map_or(0, |received| received.byte);
         base.core.clear_bits(UCSR0A, DOR0);
         self.received.extend(self.waiting.take());
+        self.show_frame_error(base);
         if self.received.is_empty() {
             base.core.clear(Vector::UsartReceiveComplete);
             base.core.clear_bits(UCSR0A, RXC0);
         }
         value
+    }
+
+    /// Reads UCSR0A.
+    pub fn read_status(&mut self, base: &Base) -> u8 {
+        let status = base.core.get(UCSR0A);
+        if status & RXC0 == 0 && self.sending.is_none() {
+            self.polled_at = Some(base.now());
+        }
+        status
     }
 
     /// Writes UCSR0A. A one clears TXC0; the other flags are read-only.
@@ -210,7 +266,7 @@ impl Uart {
             self.received.clear();
             base.unschedule(RECEIVE);
             core.clear(Vector::UsartReceiveComplete);
-            core.clear_bits(UCSR0A, RXC0 | DOR0);
+            core.clear_bits(UCSR0A, RXC0 | FE0 | DOR0);
         }
         // The transmitter still sends the bytes that it has (section 20.6.5); write_data checks
         // TXEN0.
@@ -235,16 +291,26 @@ impl Uart {
 
     /// Handles the end of the last stop bit of a byte on RXD.
     pub fn received_byte(&mut self, base: &Base, at: Cycles) {
-        if let Some(byte) = self.arriving.take() {
+        if let Some(character) = self.arriving.take() {
             if self.received.len() < RECEIVE_FIFO {
-                self.received.push_back(byte);
+                self.received.push_back(character);
             } else {
-                self.waiting = Some(byte);
+                self.waiting = Some(character);
             }
             base.core.set_bits(UCSR0A, RXC0);
+            self.show_frame_error(base);
         }
         self.start_receiving(base, at);
         self.request_levels(base);
+    }
+
+    /// FE0 is that of the character that the program reads next (section 20.11.2).
+    fn show_frame_error(&self, base: &Base) {
+        if self.received.front().is_some_and(|received| received.has_frame_error) {
+            base.core.set_bits(UCSR0A, FE0);
+        } else {
+            base.core.clear_bits(UCSR0A, FE0);
+        }
     }
 
     /// Requests the interrupts of RXC0 and UDRE0 if they are set (sections 20.7.3, 20.6.3).
@@ -263,6 +329,11 @@ impl Uart {
     pub fn send_to_chip(&mut self, base: &Base, bytes: &[u8]) {
         self.line.extend(bytes);
         self.start_receiving(base, base.now());
+    }
+
+    /// Sets the bits per second of the other end; `None` for those of the program.
+    pub fn set_line_rate(&mut self, bits_per_second: Option<u64>) {
+        self.line_rate = bits_per_second;
     }
 
     /// Drops the bytes from outside that have not begun to arrive.
@@ -287,6 +358,20 @@ impl Uart {
         self.line.len() + usize::from(self.arriving.is_some())
     }
 
+    /// True if the program has looked for a character since `since`, and none is on its way in
+    /// either direction.
+    pub fn is_polled(&self, since: Cycles) -> bool {
+        self.polled_at.is_some_and(|at| at >= since)
+            && self.sending.is_none()
+            && self.received.is_empty()
+            && self.unsent_to_chip() == 0
+    }
+
+    /// Bits per second of the last character that the program has sent.
+    pub fn sent_rate(&self) -> u64 {
+        self.sent_rate
+    }
+
     /// Number of bytes that were lost because the program read too late.
     pub fn overruns(&self) -> u32 {
         self.overruns
@@ -294,17 +379,18 @@ impl Uart {
 
     fn start_sending(&mut self, base: &Base, value: u8, at: Cycles) {
         self.sending = Some(value);
-        let end = self.begin(base, value, at, false);
+        let character = SerialCharacter { start: at, ..Uart::character(base, value) };
+        self.sent_rate = F_CPU_HZ / character.cycles_per_bit;
+        let end = self.begin(character);
         base.schedule(SEND, end);
     }
 
     /// Begins a character on a line. Returns the time of its end.
-    fn begin(&mut self, base: &Base, byte: u8, start: Cycles, to_chip: bool) -> Cycles {
-        let character = SerialCharacter { to_chip, start, ..Uart::character(base, byte) };
+    fn begin(&mut self, character: SerialCharacter) -> Cycles {
         if let Some(trace) = &mut self.trace {
             trace.push(character);
         }
-        start + u64::from(character.bits) * character.cycles_per_bit
+        character.start + u64::from(character.bits) * character.cycles_per_bit
     }
 
     fn start_receiving(&mut self, base: &Base, at: Cycles) {
@@ -321,8 +407,20 @@ impl Uart {
             base.core.set_bits(UCSR0A, DOR0);
             self.overruns += 1;
         }
-        self.arriving = Some(byte);
-        let end = self.begin(base, byte, at, true);
-        base.schedule(RECEIVE, end);
+        let mut character =
+            SerialCharacter { to_chip: true, start: at, ..Uart::character(base, byte) };
+        let own = F_CPU_HZ / character.cycles_per_bit;
+        let own_end = at + u64::from(character.bits) * character.cycles_per_bit;
+        let rate = self.line_rate.filter(|rate| !rates_match(*rate, own)).unwrap_or(own);
+        if rate != own {
+            character.cycles_per_bit = (F_CPU_HZ / rate).max(1);
+        }
+        self.arriving = Some(read_at(byte, rate, own));
+        let mut end = self.begin(character);
+        // The receiver takes what begins before its stop bit for a part of this character.
+        while end < own_end && self.line.pop_front().is_some() {
+            end += u64::from(character.bits) * character.cycles_per_bit;
+        }
+        base.schedule(RECEIVE, end.max(own_end));
     }
 }

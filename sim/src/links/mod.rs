@@ -40,6 +40,10 @@ pub struct Args {
     #[arg(long, value_name = "PATH")]
     pub serial: Option<PathBuf>,
 
+    /// Let the board understand any baud rate of --serial, as if it matched
+    #[arg(long, requires = "serial")]
+    pub serial_any_baud: bool,
+
     /// Load this bootloader, an Intel HEX file, beside the program, and start it [default HEX: the
     /// one that "make boot" has built for the board]
     #[arg(long, value_name = "HEX", num_args = 0..=1)]
@@ -132,7 +136,8 @@ fn tcp_port(text: &str) -> Result<u16, String> {
 
 impl Args {
     /// Opens all links of the options except for the script. `boards` are the numbers of all
-    /// boards, the node under test first. --vcd also records the pins `watched` of the node.
+    /// boards, the node under test first. `boot_section` is the first byte of its bootloader. --vcd
+    /// also records the pins `watched` of the node.
     ///
     /// # Errors
     /// If a link cannot be opened, for example because its path or port is in use; the message says
@@ -141,6 +146,7 @@ impl Args {
         &self,
         bench: &mut Bench,
         boards: &[usize],
+        boot_section: Option<usize>,
         watched: &[Pin],
     ) -> Result<Vec<Box<dyn Link>>> {
         let node = boards[0];
@@ -158,7 +164,8 @@ impl Args {
             links.push(Box::new(slcan::open(path, bench)?));
         }
         if let Some(path) = &self.serial {
-            links.push(Box::new(serial::SerialPort::open(path, node)?));
+            let port = serial::SerialPort::open(path, node, boot_section, self.serial_any_baud)?;
+            links.push(Box::new(port));
         }
         if let Some(bus) = self.mcast {
             links.push(Box::new(mcast::Mcast::open(bus, self.mcast_interface, bench)?));
@@ -205,8 +212,8 @@ pub trait Link {
     }
 
     /// Takes bytes that a board has sent on its serial port, each with the time of the end of its
-    /// stop bit.
-    fn serial_output(&mut self, _board: usize, _bytes: &[(Cycles, u8)]) {}
+    /// stop bit, at `rate` bits per second.
+    fn serial_output(&mut self, _board: usize, _bytes: &[(Cycles, u8)], _rate: u64) {}
 
     /// Ends the run: writes what the link has to keep.
     ///
@@ -228,6 +235,12 @@ pub trait Link {
     /// True if a client that uses the wall clock can be attached, so that the simulation must keep
     /// real time.
     fn needs_real_time(&self) -> bool {
+        false
+    }
+
+    /// True while a board gives a client that uses the wall clock a limited time to answer. Then
+    /// simulated time passes more slowly, so that a busy computer is no slow client.
+    fn gives_time(&self) -> bool {
         false
     }
 }

@@ -6,9 +6,9 @@
 //! replaces the link of a simulator that was killed, but not of one that is running: an abstract
 //! Unix socket, which ends with its process, reserves each name.
 //!
-//! A pseudo-terminal has no modem lines and no baud rate, and the kernel buffers about 70 KiB in
-//! each direction. inotify counts how often programs open and close the port, because the master
-//! end shows only the present state.
+//! A pseudo-terminal has no modem lines, and only remembers the baud rate that a program sets. The
+//! kernel buffers about 70 KiB in each direction. inotify counts how often programs open and close
+//! the port, because the master end shows only the present state.
 
 use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -31,6 +31,8 @@ use std::thread::{self, ThreadId};
 /// The directory of pseudo-terminals. A link to another directory is not a port of sim and is not
 /// replaced.
 const DEVICES: &str = "/dev/pts/";
+/// Baud rate of a port until a program sets one, as Linux has it for real ones.
+pub const FIRST_BAUD: u32 = 9600;
 /// Most bytes read from a client at once.
 const READ_BYTES: usize = 4096;
 /// Size of the buffer for inotify events, in bytes.
@@ -89,6 +91,7 @@ impl Pty {
         // report the port as closed.
         let mut settings = tcgetattr(&slave)?;
         settings.make_raw();
+        settings.set_speed(FIRST_BAUD)?;
         tcsetattr(&slave, OptionalActions::Now, &settings)?;
         let held = (hold == Hold::Open).then_some(slave);
         // Watches from here on: after the opening above, and before the link lets other programs
@@ -139,6 +142,15 @@ impl Pty {
         let is_open = is_open(&self.master);
         watch.openers = usize::from(is_open);
         Openings { count: count.max(1), is_open }
+    }
+
+    /// The baud rate that a program has set last.
+    pub fn baud(&self) -> Option<u32> {
+        // On Linux the master's settings are those of the slave.
+        tcgetattr(&self.master)
+            .ok()
+            .map(|settings| settings.output_speed())
+            .filter(|baud| *baud > 0)
     }
 
     /// Discards written bytes that no program has read.

@@ -114,6 +114,14 @@ impl Pace {
         Duration::from_secs_f64((due_s - real_s).max(0.0))
     }
 
+    /// Lets the slice of `simulated` cycles that has just passed take `times` as long.
+    pub fn stretch(&mut self, simulated: Cycles, times: u32) {
+        if let Speed::Factor(factor) = self.speed {
+            let slice_s = simulated as f64 / F_CPU_HZ as f64 / factor;
+            self.anchor.0 += slice_s * f64::from(times - 1);
+        }
+    }
+
     /// Continues at `real` after a pause of `paused`, which changes neither the pace nor the
     /// measured speed.
     pub fn resume(&mut self, now: Cycles, paused: Duration, real: Duration) {
@@ -176,6 +184,14 @@ mod tests {
         assert!(pace.wait(F_CPU_HZ / 10, 5_000 * MS).is_zero());
         let wait = pace.wait(F_CPU_HZ / 5, 5_000 * MS);
         assert_eq!(wait.as_millis(), 100);
+    }
+
+    #[test]
+    fn a_stretched_slice_takes_longer_and_the_next_one_does_not() {
+        let mut pace = at(Speed::Factor(1.0));
+        pace.stretch(F_CPU_HZ / 1000, 10);
+        assert_eq!(pace.wait(F_CPU_HZ / 1000, MS).as_millis(), 9);
+        assert_eq!(pace.wait(F_CPU_HZ / 500, 10 * MS).as_millis(), 1);
     }
 
     #[test]

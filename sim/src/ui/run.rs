@@ -38,6 +38,8 @@ const LAG_MAX: Duration = Duration::from_millis(250);
 /// real time, and a client's short delay is a long one in simulated time. It must stay below the 50
 /// ms that a node waits for the next frame of a list.
 const LAG_MAX_WITH_CLIENTS: Duration = Duration::from_millis(20);
+/// Simulated time passes so many times slower while a client has a limited time to answer.
+const TIME_FOR_CLIENTS: u32 = 10;
 /// Shortest and longest slice in simulated time.
 const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
 const SLICE_MAX: Cycles = F_CPU_HZ / 50;
@@ -78,10 +80,13 @@ impl Clock {
     /// Simulates a slice. Returns the real time to wait after it.
     fn step(&mut self, scene: &mut Scene) -> Result<Duration> {
         let from = scene.now();
-        let until = (from + self.slice).min(self.end.unwrap_or(Cycles::MAX));
+        let times = if scene.gives_time() { TIME_FOR_CLIENTS } else { 1 };
+        let slice = self.slice / Cycles::from(times);
+        let until = (from + slice).min(self.end.unwrap_or(Cycles::MAX));
         let before = self.started.elapsed();
         scene.advance(until)?;
         let after = self.started.elapsed();
+        self.pace.stretch(scene.now() - from, times);
         self.pace.add_slice(scene.now() - from, after - before, after);
         Ok(self.pace.wait(scene.now(), after))
     }

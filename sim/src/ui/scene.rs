@@ -188,7 +188,7 @@ impl Scene {
         }
         let watched: Vec<Watched> =
             args.watch.iter().map(|pin| Watched::attach(*pin, bench.board(node))).collect();
-        let links = args.links.open(&mut bench, &boards, &args.watch)?;
+        let links = args.links.open(&mut bench, &boards, boot_section, &args.watch)?;
         let mut injections: Vec<_> = args.inject.clone();
         injections.sort_by_key(|injection| injection.at);
 
@@ -282,6 +282,11 @@ impl Scene {
     /// True if a link can have clients that use the wall clock.
     pub fn needs_real_time(&self) -> bool {
         self.links.iter().any(|link| link.needs_real_time())
+    }
+
+    /// True while a client has a limited time to answer; see [`Link::gives_time`].
+    pub fn gives_time(&self) -> bool {
+        self.links.iter().any(|link| link.gives_time())
     }
 
     /// Simulates until `until`, or until a debugger halts a board. Causes the faults of the command
@@ -580,6 +585,7 @@ impl Scene {
         let now = self.state.now;
         let board = self.bench.board(self.node);
         let serial = board.avr_mut().serial_take();
+        let rate = board.avr().serial_sent_rate();
         for (at, byte) in &serial {
             self.state.push_serial_byte(*at, *byte);
         }
@@ -592,7 +598,7 @@ impl Scene {
         }
         self.state.spi = board.spi_use();
         for link in &mut self.links {
-            link.serial_output(self.node, &serial);
+            link.serial_output(self.node, &serial, rate);
         }
         let pulses = board.take_servo_pulses().into_iter();
         let has_servo = !self.findings.is_chip_select(board.wiring().servo);
@@ -665,7 +671,7 @@ impl Scene {
             let board = self.bench.board(*number);
             let serial = board.avr_mut().serial_take();
             for link in &mut self.links {
-                link.serial_output(*number, &serial);
+                link.serial_output(*number, &serial, board.avr().serial_sent_rate());
             }
             board.take_servo_pulses();
             board.take_output_pulses();

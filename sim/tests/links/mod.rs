@@ -13,6 +13,7 @@ use std::sync::atomic::{AtomicU32, Ordering};
 use bench::Bench;
 use bench::F_CPU_HZ;
 use rustix::fs::OFlags;
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use sim::links::Link;
 
 /// CPU cycles of a millisecond.
@@ -57,6 +58,14 @@ impl Client {
                 .open(path)
                 .expect("the port opens"),
         )
+    }
+
+    /// Sets the baud rate of the port.
+    #[track_caller]
+    pub fn set_baud(&self, baud: u32) {
+        let mut settings = tcgetattr(&self.0).expect("a terminal");
+        settings.set_speed(baud).expect("a baud rate");
+        tcsetattr(&self.0, OptionalActions::Now, &settings).expect("a terminal");
     }
 
     /// Writes all bytes. For short texts.
