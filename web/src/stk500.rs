@@ -46,16 +46,19 @@ const CRC_EOP: u8 = b' ';
 const INSYNC: u8 = 0x14;
 const OK: u8 = 0x10;
 
-/// Time between two tries to get an answer: longer than an answer takes at 19,200 baud, and several
-/// in the second for which Optiboot waits.
-const SYNC_EVERY_MS: u64 = 150;
-/// Tries until the board counts as silent: more than two seconds, because ATmegaBOOT first blinks.
-const SYNC_TRIES: u32 = 16;
+/// Time from the reset to the first GET_SYNC. Arduino's fuses hold the chip for 65 ms; what the old
+/// program has sent arrives meanwhile, too.
+const START_MS: u64 = 150;
+/// Time for an answer to GET_SYNC. A bootloader first blinks, Optiboot 4.4 for 375 ms, and its UART
+/// keeps three bytes meanwhile: a second GET_SYNC in this time would be cut, and Optiboot leaves at
+/// a command without its end.
+const SYNC_MS: u64 = 500;
+/// Tries until the board counts as silent.
+const SYNC_TRIES: u32 = 5;
 /// Late answers to earlier tries arrive in this time.
 const SETTLE_MS: u64 = 100;
 /// An answer to any other command. Pages take 9 ms to write, and 70 ms to read at 19,200 baud.
 const ANSWER_MS: u64 = 3000;
-
 /// The same after "Cancel".
 const CANCEL_MS: u64 = 500;
 /// The answer to LEAVE_PROGMODE may be cut off by the restart.
@@ -119,8 +122,11 @@ impl fmt::Display for Failure {
                  the same moment. Wires at D0 and D1 have to be off.",
             ),
             Failure::NoBootloader => f.write_str(
-                "Something answers, but no bootloader at this baud rate: it is another board than \
-                 the one that is chosen, another device, or a board without a bootloader.",
+                "Something answers, but no bootloader. Is it the board's port? Press \"Another \
+                 port\" if not. Else flash again, and press the board's reset button once as the \
+                 bar begins. Is it the Arduino that is chosen? At the baud rates of the others in \
+                 the list no bootloader answers, either. Else the board has none, and a \
+                 programmer burns it: https://docs.arduino.cc/built-in-examples/arduino-isp/",
             ),
             Failure::OtherChip { signature, wanted } => write!(
                 f,
@@ -166,6 +172,7 @@ pub enum Flash {
 /// A command that waits for its answer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Step {
+    Start,
     Sync { tries: u32 },
     Settle { tries: u32 },
     Confirm { tries: u32 },
@@ -225,21 +232,19 @@ impl Session {
     }
 
     fn begin(chip: Chip, program: Vec<u8>, now: u64) -> Session {
-        let mut session = Session {
+        Session {
             chip,
             program,
-            step: Step::Ended,
+            step: Step::Start,
             output: Vec::new(),
             input: Vec::new(),
             heard: false,
-            deadline: now,
+            deadline: now + START_MS,
             signature: None,
             flash: Flash::Unchanged,
             is_cancelled: false,
             failure: None,
-        };
-        session.sync(0, now);
-        session
+        }
     }
 
     /// Bytes to send now.
@@ -265,7 +270,7 @@ impl Session {
     /// would leave it erased. When only the first page is left, the upload is completed.
     pub fn cancel(&mut self, now: u64) {
         match self.step {
-            Step::Sync { .. } | Step::Settle { .. } | Step::Confirm { .. } => {
+            Step::Start | Step::Sync { .. } | Step::Settle { .. } | Step::Confirm { .. } => {
                 self.fail(Failure::Cancelled);
             }
             Step::Address { job } | Step::Page { job } if job + 2 >= self.jobs() => {}
@@ -372,7 +377,7 @@ impl Session {
             return;
         }
         self.send(command::GET_SYNC, &[], Step::Sync { tries: tries + 1 }, now);
-        self.deadline = now + SYNC_EVERY_MS;
+        self.deadline = now + SYNC_MS;
     }
 
     fn fail(&mut self, failure: Failure) {
@@ -388,6 +393,12 @@ impl Session {
 
     fn advance(&mut self, now: u64) {
         match self.step {
+            Step::Start => {
+                self.input.clear();
+                if now >= self.deadline {
+                    self.sync(0, now);
+                }
+            }
             Step::Sync { tries } => {
                 // The old program's lines may come first.
                 if self.input.ends_with(&[INSYNC, OK]) {
@@ -404,7 +415,7 @@ impl Session {
                 self.input.clear();
                 if now >= self.deadline {
                     self.send(command::GET_SYNC, &[], Step::Confirm { tries }, now);
-                    self.deadline = now + SYNC_EVERY_MS;
+                    self.deadline = now + SYNC_MS;
                 }
             }
             Step::Confirm { tries } => {
@@ -741,10 +752,15 @@ mod tests {
     fn lines_of_the_old_program_do_not_disturb_the_begin() {
         let (mut session, mut bootloader) = (upload(), Bootloader::new());
         session.receive(b"DroneCAN servo node", 1);
-        session.receive(&[INSYNC], 2);
-        session.receive(&[OK], 3);
+        session.receive(&[INSYNC, OK], 2);
+        assert!(session.take_output().is_empty(), "the board starts");
+        session.receive(b"servo", START_MS);
+        assert_eq!(session.take_output(), [command::GET_SYNC, CRC_EOP]);
+        session.receive(b" node", START_MS + 1);
+        session.receive(&[INSYNC], START_MS + 2);
+        session.receive(&[OK], START_MS + 3);
         // The answer to an earlier try.
-        session.receive(&[INSYNC, OK], 50);
+        session.receive(&[INSYNC, OK], START_MS + 50);
         run(&mut session, &mut bootloader, usize::MAX);
         assert_eq!(session.flash(), Flash::New);
     }

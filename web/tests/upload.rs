@@ -26,32 +26,13 @@ fn arduino(file: &str) -> Firmware {
     Firmware::read_hex(&path).expect("a bootloader")
 }
 
-/// Optiboot for the Uno, as tests/clients/test_serial.py compiles it: the HEX file of the package
-/// runs past the end of the flash.
+/// Optiboot of the Uno.
 static OPTIBOOT: LazyLock<Firmware> = LazyLock::new(|| {
-    let directory = std::env::temp_dir().join(format!("upload-{}", std::process::id()));
-    std::fs::create_dir_all(&directory).expect("a directory for temporary files");
-    let elf = directory.join("optiboot.elf");
-    let source = PathBuf::from(BOOTLOADERS).join("optiboot/optiboot.c");
-    let options = "-Os -fno-inline-small-functions -fno-split-wide-types -mshort-calls \
-        -mmcu=atmega328p -nostartfiles -nostdlib -DF_CPU=16000000L -DBAUD_RATE=115200 \
-        -DLED_START_FLASHES=0 -Wl,--section-start=.text=0x7e00 -Wl,--relax -w";
-    let status = Command::new("avr-gcc")
-        .args(options.split_whitespace())
-        .args([&source, &PathBuf::from("-o"), &elf])
-        .status()
-        .expect("avr-gcc");
-    assert!(status.success());
-    let hex = directory.join("optiboot.hex");
-    let status = Command::new("avr-objcopy")
-        .args(["-j", ".text", "-O", "ihex"])
-        .args([&elf, &hex])
-        .status()
-        .expect("avr-objcopy");
-    assert!(status.success());
-    let loader = Firmware::read_hex(&hex).expect("a bootloader");
-    std::fs::remove_dir_all(directory).expect("a directory of this test");
-    loader
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/../scripts/optiboot");
+    let done = Command::new(script).output().expect("a script");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let path = PathBuf::from(String::from_utf8_lossy(&done.stdout).trim_end());
+    Firmware::read_hex(&path).expect("a bootloader")
 });
 
 /// A chip with a bootloader, and its serial port.
