@@ -7,10 +7,10 @@
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { existsSync, mkdtempSync, readFileSync, rmSync, statSync } from "node:fs";
+import { existsSync, readFileSync, statSync } from "node:fs";
 import { createRequire } from "node:module";
-import { tmpdir } from "node:os";
 import { basename, dirname, join, resolve } from "node:path";
+import { fileURLToPath } from "node:url";
 import { launch, runTests } from "./chromium.mjs";
 import { Board, connect, fake } from "./fake-serial.mjs";
 import { serve } from "../serve.mjs";
@@ -31,18 +31,9 @@ const sims = ["debug", "release"].map((profile) => join(target, profile, "sim"))
 assert.ok(sims.length > 0, "there is no sim: cargo build -p sim");
 const sim = sims.sort((a, b) => statSync(b).mtimeMs - statSync(a).mtimeMs)[0];
 const elf = (name) => join(target, "firmware", name);
-const scratch = mkdtempSync(join(tmpdir(), "board-test-"));
 
-/** Optiboot for the Uno, as tests/clients/test_serial.py compiles it. */
-function optiboot() {
-  const [built, hex] = [join(scratch, "optiboot.elf"), join(scratch, "optiboot.hex")];
-  const flags =
-    "-Os -fno-inline-small-functions -fno-split-wide-types -mshort-calls -mmcu=atmega328p -nostartfiles -nostdlib " +
-    "-DF_CPU=16000000L -DBAUD_RATE=115200 -DLED_START_FLASHES=0 -Wl,--section-start=.text=0x7e00 -Wl,--relax -w";
-  execFileSync("avr-gcc", [...flags.split(" "), `${ARDUINO}/optiboot/optiboot.c`, "-o", built]);
-  execFileSync("avr-objcopy", ["-j", ".text", "-O", "ihex", built, hex]);
-  return hex;
-}
+/** Optiboot of the Uno. */
+const OPTIBOOT = execFileSync(fileURLToPath(new URL("../../scripts/optiboot", import.meta.url)), { encoding: "utf8" }).trim();
 
 const { context, close } = await launch();
 const { server, address } = await serve(directory);
@@ -93,6 +84,9 @@ const monitor = (page) => page.locator("#real-monitor").textContent();
 const says = (page, pattern) => until(page, String(pattern), async () => pattern.test(await status(page)));
 const prints = (page, pattern) => until(page, `${pattern} on the monitor`, async () => pattern.test(await monitor(page)));
 
+/** Plugs the board in again. */
+const plug = (page) => page.evaluate(() => window.plug());
+
 /** Flashes, and waits for the end and for the node's first line. */
 async function flash(page) {
   await page.click("#real-clear");
@@ -124,7 +118,7 @@ const tests = {
   },
 
   async "an Uno is flashed through Optiboot, and then with a file of the user"(t) {
-    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", optiboot(), "--no-program"];
+    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", OPTIBOOT, "--no-program"];
     const { page } = await open(t, options);
     await flash(page);
     await page.evaluate((text) => {
@@ -140,8 +134,7 @@ const tests = {
 
   async "an old Nano is flashed, also when the new one was chosen first"(t) {
     const options = ["--board", "nano", "--shield", "seeed", "--bootloader", NANO, "--no-program"];
-    const { page, board } = await open(t, options, { board: "nano-new" });
-    board.deafAt = [115_200, 19_200];
+    const { page } = await open(t, options, { board: "nano-new" });
     await page.click("#real-flash");
     await says(page, /answers at 57600 baud.*Arduino Nano, old bootloader/);
     await choose(page, { board: "nano", shield: "seeed" });
@@ -154,16 +147,16 @@ const tests = {
     await flash(page);
   },
 
-  async "another chip is refused with the names of its boards, and keeps its program"(t) {
+  async "another Arduino than the one that is chosen is named, and keeps its program"(t) {
     const { page } = await open(t, ["--bootloader", DIECIMILA, "--elf", elf("diecimila-seeed.elf")]);
     await page.click("#real-flash");
-    await says(page, /an ATmega168 \(Arduino Diecimila.*as it was/);
+    await says(page, /answers at 19200 baud.*Choose Arduino Diecimila.*Nothing was written/);
     await page.click("#real-connect");
     await prints(page, /DroneCAN servo node/);
   },
 
   async "an upload that is cut leaves a board that does nothing, and the next one works"(t) {
-    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", optiboot(), "--elf", elf("uno-seeed.elf")];
+    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", OPTIBOOT, "--elf", elf("uno-seeed.elf")];
     const { page, board } = await open(t, options);
     await page.click("#real-connect");
     await prints(page, /DroneCAN servo node/);
@@ -175,6 +168,7 @@ const tests = {
       await says(page, /port is gone.*does nothing until you flash it/);
       board.passing = Infinity;
       board.close();
+      await plug(page);
       await page.click("#real-clear");
       await page.click("#real-connect");
       await pause(SILENCE_MS);
@@ -184,15 +178,51 @@ const tests = {
     await flash(page);
   },
 
-  async "an upload can be cancelled, before the board answers and while it is written"(t) {
-    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", optiboot(), "--elf", elf("uno-seeed.elf")];
+  async "a board that was unplugged is flashed at the first press when it is plugged in again"(t) {
+    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", OPTIBOOT, "--no-program"];
     const { page, board } = await open(t, options);
-    board.deafAt = [115_200];
+    await flash(page);
+    await page.click("#real-connect");
+    await until(page, "a closed port", async () => (await page.locator("#real-connect").innerText()) === "Connect");
+    await page.evaluate(() => window.fakePort.lose());
+    await says(page, /was unplugged/);
+    assert.match(await page.locator("#real-port").innerText(), /unplugged/);
+    await plug(page);
+    await says(page, /plugged in again/);
+    await flash(page);
+    // While the monitor is connected: the text is red until the board is back.
+    await page.evaluate(() => window.fakePort.lose());
+    await says(page, /The port is gone/);
+    board.close();
+    assert.match(await page.locator("#real-status").getAttribute("class"), /wrong/);
+    await plug(page);
+    await says(page, /plugged in again/);
+    assert.doesNotMatch((await page.locator("#real-status").getAttribute("class")) ?? "", /wrong/);
+    await flash(page);
+    assert.equal(await page.evaluate(() => window.requests), 1);
+    // The choice is opened, and the monitor goes on.
+    await page.click("#real-other");
+    await until(page, "the choice", async () => (await page.evaluate(() => window.requests)) === 2);
+    assert.equal(await page.locator("#real-connect").innerText(), "Disconnect");
+  },
+
+  async "what is no bootloader gets words in the order of what is likely"(t) {
+    // A program that prints, without a bootloader, at the rate of the choice.
+    const { page } = await open(t, ["--board", "uno", "--shield", "seeed", "--elf", elf("uno-seeed.elf")]);
+    await page.click("#real-flash");
+    await says(page, /Something answers, but no bootloader.*"Another port".*reset button once.*programmer burns it/);
+    assert.match(await page.locator("#real-status a").getAttribute("href"), /^https:\/\/docs\.arduino\.cc\//);
+  },
+
+  async "an upload can be cancelled, before the board answers and while it is written"(t) {
+    const options = ["--board", "uno", "--shield", "seeed", "--bootloader", OPTIBOOT, "--elf", elf("uno-seeed.elf")];
+    // An old Nano has another baud rate.
+    const { page } = await open(t, options, { board: "nano" });
     await page.click("#real-flash");
     await says(page, /Looking for the bootloader/);
     await page.click("#real-cancel");
     await says(page, /Cancelled. The program of the board is as it was/);
-    board.deafAt = [];
+    await choose(page, { board: "uno", shield: "seeed" });
     await page.click("#real-flash");
     await says(page, /Writing.*[1-9]\d? %/);
     await page.click("#real-cancel");
@@ -322,12 +352,12 @@ const tests = {
     await says(page, /From a file on the disk the page has no programs: use https, or make web/);
   },
 
-  async "a browser without Web Serial is told which ones have it"(t) {
+  async "a browser without Web Serial is told so"(t) {
     const page = await context.newPage();
     t.ends.push(() => page.close());
     await page.addInitScript(() => Reflect.deleteProperty(Navigator.prototype, "serial"));
     await page.goto(`${address}#view=board`);
-    await says(page, /Chrome, Edge, Opera/);
+    await says(page, /navigator\.serial/);
     assert.ok(await page.locator("#real-flash").isDisabled());
     await page.click("#tab-simulated");
     await until(page, "the simulated board", () => page.locator("#servos").isVisible());
@@ -335,7 +365,7 @@ const tests = {
 };
 
 async function takePicture(t) {
-  const options = ["--board", "uno", "--shield", "module", "--bootloader", optiboot(), "--no-program"];
+  const options = ["--board", "uno", "--shield", "module", "--bootloader", OPTIBOOT, "--no-program"];
   const { page } = await open(t, options, { shield: "module" });
   await flash(page);
   await prints(page, /temperature/);
@@ -345,5 +375,4 @@ async function takePicture(t) {
 await runTests(pictures ? { "the picture": takePicture } : tests, only, async () => {
   await close();
   server.close();
-  rmSync(scratch, { recursive: true });
 });

@@ -3,9 +3,9 @@
 // bootloader are real.
 //
 // A pseudo-terminal has no DTR, and sim resets its board when the port is opened: a pulse of DTR
-// closes and opens it here.
+// closes and opens it here. A device that was unplugged gets another port, as in browsers.
 
-import { spawn } from "node:child_process";
+import { execFileSync, spawn } from "node:child_process";
 import { closeSync, constants, existsSync, mkdtempSync, openSync, readSync, rmSync, writeSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -21,8 +21,6 @@ export class Board {
     this.directory = mkdtempSync(join(tmpdir(), "board-"));
     this.path = join(this.directory, "port");
     this.output = "";
-    /** Baud rates at which the board does not understand what it gets. */
-    this.deafAt = [];
     this.isTaken = false;
     /** Bytes that still pass until the cable is pulled. */
     this.passing = Infinity;
@@ -51,6 +49,7 @@ export class Board {
     }
     this.baud = baud;
     this.fd = openSync(this.path, O_RDWR | O_NOCTTY | O_NONBLOCK);
+    execFileSync("stty", ["-F", this.path, String(baud)]);
     return true;
   }
 
@@ -73,7 +72,7 @@ export class Board {
     let rest = bytes.subarray(0, Math.min(bytes.length, this.passing - this.written));
     const isCut = rest.length < bytes.length;
     this.written += rest.length;
-    while (rest.length > 0 && this.fd !== null && !this.deafAt.includes(this.baud)) {
+    while (rest.length > 0 && this.fd !== null) {
       try {
         rest = rest.subarray(writeSync(this.fd, rest));
       } catch (error) {
@@ -113,7 +112,7 @@ export class Board {
   }
 }
 
-/** What runs in the page: `navigator.serial` with one port. */
+/** What runs in the page: `navigator.serial` with one device, which `lose` and `plug` unplug and plug in. */
 export function fake() {
   const toText = (bytes) => btoa(String.fromCharCode(...bytes));
   const lost = () => new DOMException("The device has been lost.", "NetworkError");
@@ -127,7 +126,7 @@ export function fake() {
       if (this.readable) {
         throw new DOMException("The port is already open.", "InvalidStateError");
       }
-      if (!(await window.portOpen(baudRate))) {
+      if (this !== window.fakePort || !(await window.portOpen(baudRate))) {
         throw new DOMException("Failed to open serial port.", "NetworkError");
       }
       this.make();
@@ -159,6 +158,10 @@ export function fake() {
       } catch {
         // It is closed.
       }
+      if (this === window.fakePort) {
+        window.fakePort = null;
+        tell("disconnect", this);
+      }
     }
     async close() {
       [this.readable, this.writable, this.controller] = [null, null, null];
@@ -174,16 +177,26 @@ export function fake() {
       this.dtr = dataTerminalReady;
     }
   }
-  window.fakePort = new Port();
+  /** True when the user has chosen the device. */
+  let isAllowed = false;
+  /** The event is the port's, and bubbles. */
+  const tell = (name, port) => [port, isAllowed ? serial : null].forEach((target) => target?.dispatchEvent(new Event(name)));
+  window.plug = () => {
+    window.fakePort = new Port();
+    tell("connect", window.fakePort);
+  };
   const serial = Object.assign(new EventTarget(), {
     requestPort: async () => {
-      if (window.choosesNone) {
+      window.requests = (window.requests ?? 0) + 1;
+      if (window.choosesNone || !window.fakePort) {
         throw new DOMException("No port selected by the user.", "NotFoundError");
       }
+      isAllowed = true;
       return window.fakePort;
     },
-    getPorts: async () => [],
+    getPorts: async () => (isAllowed && window.fakePort ? [window.fakePort] : []),
   });
+  window.plug();
   Object.defineProperty(Navigator.prototype, "serial", { get: () => serial, configurable: true });
 }
 
@@ -200,7 +213,7 @@ export async function connect(page, board) {
       const bytes = board.read();
       if (bytes === null) {
         board.close();
-        await page.evaluate(() => window.fakePort.lose()).catch(() => {});
+        await page.evaluate(() => window.fakePort?.lose()).catch(() => {});
       } else if (bytes.length > 0) {
         await page.evaluate((text) => window.fakePort?.receive(text), bytes.toString("base64")).catch(() => {});
       } else {

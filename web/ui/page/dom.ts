@@ -15,6 +15,15 @@ export function setText(element: HTMLElement, text: string) {
   }
 }
 
+/** Sets a text, in which an address becomes a link. */
+export function setLinkedText(element: HTMLElement, text: string) {
+  if (element.textContent !== text) {
+    const parts = text.split(/(https:\/\/\S+)/);
+    const link = (href: string) => make("a", { href, target: "_blank", rel: "noopener", textContent: href });
+    element.replaceChildren(...parts.map((part) => (part.startsWith("https://") ? link(part) : part)));
+  }
+}
+
 export function setPressed(element: HTMLElement, pressed: boolean) {
   element.setAttribute("aria-pressed", String(pressed));
 }

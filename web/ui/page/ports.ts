@@ -11,8 +11,10 @@ interface NativePort extends EventTarget {
   getInfo(): { usbVendorId?: number; usbProductId?: number };
 }
 
-interface Serial {
+interface Serial extends EventTarget {
   requestPort(): Promise<NativePort>;
+  /** The ports that the user has allowed before, and that are plugged in. */
+  getPorts(): Promise<NativePort[]>;
 }
 
 export type Trouble = "unsupported" | "denied" | "taken" | "unplugged" | "stuck" | "unusable";
@@ -68,10 +70,30 @@ export function whyNoPorts(): string | null {
   if (!window.isSecureContext) {
     return "Browsers give ports only to pages from https or from localhost. Open this page by https, or serve it on this machine: make web.";
   }
-  return "This browser has no serial ports (Web Serial). Chrome, Edge, Opera and other Chromium browsers on Windows, macOS, Linux and ChromeOS have them, and new ones of Chrome on Android.";
+  return "This browser has no serial ports: it lacks the interface Web Serial (navigator.serial). Chrome, Edge and Opera on a computer have it, and the newest Firefox.";
 }
 
 const known = new WeakMap<NativePort, Port>();
+const serial = () => (navigator as unknown as { serial: Serial }).serial;
+
+/** Calls back when a port that the user has allowed before is plugged in. */
+export function whenPluggedIn(act: () => void) {
+  if (whyNoPorts() === null) {
+    serial().addEventListener("connect", act);
+  }
+}
+
+/** The port of the same device after it was plugged in again; null if it is not there, or not certain. */
+export async function findAgain(port: Port): Promise<Port | null> {
+  const same = (await serial().getPorts()).filter((native) => port.isLike(native));
+  if (same.length !== 1) {
+    return null;
+  }
+  const before = known.get(same[0]);
+  const found = before && !before.isGone ? before : new Port(same[0]);
+  known.set(same[0], found);
+  return found;
+}
 
 /** Asks the user for a port; null if the user chooses none. Has to be called in a click. */
 export async function choosePort(): Promise<Port | null> {
@@ -79,17 +101,17 @@ export async function choosePort(): Promise<Port | null> {
   if (why !== null) {
     throw new PortError("unsupported", why);
   }
-  const { serial } = navigator as unknown as { serial: Serial };
   let native: NativePort;
   try {
-    native = await serial.requestPort();
+    native = await serial().requestPort();
   } catch (error) {
     if (nameOf(error) === "NotFoundError") {
       return null;
     }
     throw new PortError("denied", `The browser allows this page no ports (${textOf(error)}). Allow "Serial ports" in its settings for this page.`);
   }
-  const port = known.get(native) ?? new Port(native);
+  const before = known.get(native);
+  const port = before && !before.isGone ? before : new Port(native);
   known.set(native, port);
   return port;
 }
@@ -107,8 +129,23 @@ export class Port {
   private receiving: Promise<void> = Promise.resolve();
   private reader: ReadableStreamDefaultReader<Uint8Array> | null = null;
   private wake: () => void = () => {};
+  /** True from when the device was unplugged. It gets another port when it is plugged in again. */
+  isGone = false;
+  /** Called when the device is unplugged. */
+  whenGone: () => void = () => {};
 
-  constructor(private readonly native: NativePort) {}
+  constructor(private readonly native: NativePort) {
+    native.addEventListener("disconnect", () => {
+      this.isGone = true;
+      this.whenGone();
+    });
+  }
+
+  /** True for a port of the same kind of device. */
+  isLike(other: NativePort) {
+    const [mine, its] = [this.native.getInfo(), other.getInfo()];
+    return mine.usbVendorId === its.usbVendorId && mine.usbProductId === its.usbProductId;
+  }
 
   /** Maker of the USB chip, if it is known, and its numbers. */
   get name() {
@@ -139,6 +176,10 @@ export class Port {
       await this.native.open({ baudRate, bufferSize: BUFFER_BYTES });
     } catch (error) {
       this.owner = null;
+      // A browser need not have told that the device was unplugged.
+      if (this.isGone || !(await serial().getPorts()).includes(this.native)) {
+        throw this.lost();
+      }
       const isTaken = ["NetworkError", "InvalidStateError"].includes(nameOf(error));
       throw isTaken ? new PortError("taken", TAKEN) : new PortError("unusable", `The port does not open: ${textOf(error)}`);
     }
@@ -199,7 +240,7 @@ export class Port {
     }
     const writer = this.native.writable?.getWriter();
     if (!writer) {
-      throw new PortError("unplugged", UNPLUGGED);
+      throw this.lost();
     }
     let timer: ReturnType<typeof setTimeout> | undefined;
     const late = new Promise<never>((_, fail) => {
@@ -212,7 +253,7 @@ export class Port {
         void writer.abort().catch(() => {});
         throw error;
       }
-      throw new PortError("unplugged", UNPLUGGED);
+      throw this.lost();
     } finally {
       clearTimeout(timer);
       writer.releaseLock();
@@ -236,6 +277,11 @@ export class Port {
       }
       return false;
     }
+  }
+
+  private lost() {
+    this.isGone = true;
+    return new PortError("unplugged", UNPLUGGED);
   }
 
   /** Drops what has arrived. */
@@ -266,7 +312,7 @@ export class Port {
       }
     }
     if (!this.isClosing) {
-      this.trouble = new PortError("unplugged", UNPLUGGED);
+      this.trouble = this.lost();
       this.wake();
     }
   }

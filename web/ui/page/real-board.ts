@@ -2,12 +2,13 @@
 
 import { read_program } from "pkg/web.js";
 import boards from "boards.json";
-import { byId, download, setText } from "./dom";
+import { byId, download, setLinkedText, setText } from "./dom";
 import { Lines, Monitor } from "./monitor";
-import { type Port, PortError, choosePort, whyNoPorts } from "./ports";
+import { type Port, choosePort, findAgain, whenPluggedIn, whyNoPorts } from "./ports";
 import { type State, Uploader } from "./upload";
 
 const OWNER = "Your board";
+const IDLE = "Plug the board in, choose it and its CAN board, and press Flash.";
 /** Baud rate of the programs of this project. */
 const MONITOR_BAUD = 115_200;
 const BAUDS = [9600, 19_200, 38_400, 57_600, 115_200, 230_400, 250_000];
@@ -49,7 +50,7 @@ export class RealBoard {
     this.restore();
     this.listen();
     const why = whyNoPorts();
-    this.say(why ?? "Plug the board in, choose it and its CAN board, and press Flash.", why !== null);
+    this.say(why ?? IDLE, why !== null);
     this.enable();
   }
 
@@ -130,7 +131,7 @@ export class RealBoard {
 
   private say(text: string, isError = false) {
     const status = byId("real-status");
-    setText(status, text);
+    setLinkedText(status, text);
     status.classList.toggle("wrong", isError);
   }
 
@@ -145,23 +146,46 @@ export class RealBoard {
       select.disabled = this.isBusy;
     }
     setText(byId("real-connect"), this.listens ? "Disconnect" : "Connect");
-    setText(byId("real-port"), this.port ? this.port.name : "no port chosen");
+    const gone = this.port?.isGone ? ", unplugged" : "";
+    setText(byId("real-port"), this.port ? `${this.port.name}${gone}` : "no port chosen");
   }
 
-  /** The port of the last time, or one that the user chooses. Has to be called in a click. */
+  /**
+   * The port of the last time, also if the board was unplugged meanwhile, or one that the user
+   * chooses. Has to be called in a click.
+   */
   private async choose(another = false) {
+    if (!another && this.port?.isGone) {
+      this.use(await findAgain(this.port));
+    }
     if (this.port === null || another) {
       const chosen = await choosePort();
       if (chosen === null) {
         this.say("No port was chosen. A board that is not in the list has a cable without data wires, or needs the driver of its USB chip (CH340, FTDI).");
         return null;
       }
-      if (this.port !== null && this.port !== chosen) {
+      if (this.port !== chosen) {
+        const listened = this.listens;
         await this.disconnect();
+        this.use(chosen);
+        if (listened) {
+          await this.connect();
+        }
       }
-      this.port = chosen;
     }
     return this.port;
+  }
+
+  private use(port: Port | null) {
+    this.port = port;
+    if (port !== null) {
+      port.whenGone = () => {
+        if (port === this.port && !port.isOpen) {
+          this.say("The board was unplugged. Plug it in again, and press Flash.");
+          this.enable();
+        }
+      };
+    }
   }
 
   /** The bytes to write, from beside the page or from the user's file. */
@@ -239,9 +263,6 @@ export class RealBoard {
     const state = this.uploader?.state;
     this.say(state ? `${text} ${state.flash}` : text, true);
     this.lastUpload = state ? text : this.lastUpload;
-    if (error instanceof PortError && ["unplugged", "unusable"].includes(error.trouble)) {
-      this.port = null;
-    }
   }
 
   private showProgress({ phase, done, all, chip }: State) {
@@ -312,6 +333,18 @@ export class RealBoard {
     for (const select of [this.board, this.shield, this.preset]) {
       select.addEventListener("change", () => this.show(this.preset.value));
     }
+    whenPluggedIn(() => {
+      const { port } = this;
+      if (port?.isGone && !this.isBusy) {
+        attempt(async () => {
+          const found = await findAgain(port);
+          if (found !== null && port === this.port) {
+            this.use(found);
+            this.say("The board is plugged in again: press Flash.");
+          }
+        });
+      }
+    });
     click("real-flash", () => this.flash());
     click("real-other", () => this.choose(true));
     click("real-reset", async () => this.port?.reset());
