@@ -10,7 +10,7 @@ import { existsSync, readFileSync, statSync } from "node:fs";
 import { createRequire } from "node:module";
 import { dirname, join, resolve } from "node:path";
 import { launch, runTests } from "./chromium.mjs";
-import { ArduPilot, Canable, Lawicel } from "./dialects.mjs";
+import { ArduPilot, Canable, Lawicel, SendsOnly } from "./dialects.mjs";
 import { Board, connect } from "./fake-serial.mjs";
 import { serve } from "../serve.mjs";
 
@@ -39,7 +39,7 @@ const { server, address } = await serve(directory);
 const pause = (ms) => new Promise((done) => setTimeout(done, ms));
 
 /** A page with "Real bus", connected to a simulated bus with these options of sim. */
-async function open(t, options, makeBoard = (...args) => new Board(...args)) {
+async function open(t, options, makeBoard = (...args) => new Board(...args), first = /listens, and sends nothing/) {
   const board = await makeBoard(sim, options, ["--slcan"]).started();
   t.ends.push(() => board.end());
   const page = await context.newPage();
@@ -56,7 +56,7 @@ async function open(t, options, makeBoard = (...args) => new Board(...args)) {
   });
   await page.goto(`${address}#view=bus`);
   await page.click("#can-connect");
-  await says(page, /listens, and sends nothing/);
+  await says(page, first);
   return { page, board };
 }
 
@@ -252,6 +252,7 @@ const tests = {
     await page.evaluate(() => window.fakePort.lose());
     await says(page, /port is gone/);
     await has(page, "#can-updates", /NOT updated: has no program now. Its bootloader waits/);
+    await page.evaluate(() => window.plug());
     await page.click("#can-connect");
     await page.click("#can-names");
     await hasNode(page, 120, /SOFTWARE_UPDATE|MAINTENANCE/);
@@ -289,6 +290,44 @@ const tests = {
     await page.click("#can-connect");
     await says(page, /Plug the adapter in/);
     await until(page, "a closed channel", async () => !board.isOpen);
+  },
+
+  async "an adapter that cannot only listen is opened when the user allows it"(t) {
+    const options = [...DIECIMILA, "--autopilot", "ardupilot"];
+    const { page, board } = await open(t, options, (...args) => new SendsOnly(...args), /disturbs the bus.*1000 kbit\/s/);
+    await pause(2000);
+    assert.ok(!board.isOpen);
+    assert.ok(await page.locator("#can-names").isDisabled());
+    await page.click("#can-send");
+    await says(page, /acknowledges frames/);
+    assert.ok(await page.locator("#can-send").isHidden());
+    assert.deepEqual(board.commands, ["", "C", "S8", "L", "", "C", "S8", "O"]);
+    await hasNode(page, 120, /OPERATIONAL/);
+    assert.equal(await counter(page, "sent"), 0);
+    await speaks(page);
+  },
+
+  async "garbage is no adapter"(t) {
+    const { page } = await open(t, [...DIECIMILA, "--no-autopilot"]);
+    for (const text of ["\x07\xff\xfe\x80\r\x07", "$GPGGA,1\r\n$GPGSA,A\r\n$GPRMC,V\r\n"]) {
+      await page.click("#can-connect");
+      await says(page, /Plug the adapter in|not an SLCAN adapter/);
+      await page.evaluate((garbage) => {
+        const bytes = Uint8Array.from(garbage, (letter) => letter.charCodeAt(0));
+        clearInterval(window.garbage);
+        window.garbage = setInterval(() => window.fakePort.controller?.enqueue(bytes), 50);
+      }, text);
+      await page.click("#can-connect");
+      await says(page, /not an SLCAN adapter, or its port has another baud rate/);
+    }
+  },
+
+  async "another port is chosen while one is connected"(t) {
+    const { page } = await open(t, [...DIECIMILA, "--autopilot", "ardupilot"]);
+    await page.click("#can-other");
+    await until(page, "the choice", async () => (await page.evaluate(() => window.requests)) === 2);
+    await hasNode(page, 120, /OPERATIONAL/);
+    assert.equal(await page.locator("#can-connect").innerText(), "Disconnect");
   },
 
   async "a CANable, which answers nothing and cannot listen only, works when it is asked"(t) {

@@ -130,3 +130,10 @@ export class Lawicel extends Adapter {
     return `${frame}${digits(Math.round(performance.now()) % 60_000)}\r`;
   }
 }
+
+/** The same without L, as adapters by Lawicel's first manual, which has no such command. */
+export class SendsOnly extends Lawicel {
+  answer(line) {
+    return line === "L" ? ERROR : super.answer(line);
+  }
+}

@@ -449,6 +449,11 @@ impl RealBus {
         self.0.log(Format::Pcap)
     }
 
+    /// Opens an adapter that cannot listen only.
+    pub fn allow_sending(&mut self, now: f64) {
+        self.0.allow_sending(time(now));
+    }
+
     /// Asks the nodes for their names.
     pub fn ask_names(&mut self) {
         self.0.ask_names();

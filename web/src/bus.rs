@@ -2,9 +2,10 @@
 //! the port and what the page shows out.
 //!
 //! The adapter only listens until the user asks for something that has to be sent: so a wrong bit
-//! rate disturbs nobody. Then it is opened to send, and the page takes a node ID that no node has,
-//! sends NodeStatus as each node does, and asks. If another node sends with that ID, the page sends
-//! nothing more until the user asks again. It has no command to an output.
+//! rate disturbs nobody. One that cannot only listen is opened when the user allows it. Then the
+//! adapter is opened to send, and the page takes a node ID that no node has, sends NodeStatus as
+//! each node does, and asks. If another node sends with that ID, the page sends nothing more until
+//! the user asks again. It has no command to an output.
 //!
 //! Memory is bounded: 127 nodes, one node's parameters, the last frames.
 
@@ -53,6 +54,8 @@ pub struct RealBus {
     adapter: Option<Adapter>,
     /// True if the channel was open when the page looked last.
     was_open: bool,
+    /// True if the adapter cannot listen only, and waits until the user allows it to send.
+    asks_to_send: bool,
     /// Why there is no bus, or why the page stopped sending.
     trouble: Option<String>,
     bit_rate: u32,
@@ -74,6 +77,7 @@ impl Default for RealBus {
         RealBus {
             adapter: None,
             was_open: false,
+            asks_to_send: false,
             trouble: None,
             bit_rate: 1_000_000,
             tool: Tool::default(),
@@ -113,8 +117,12 @@ impl RealBus {
         let mut frames = Vec::new();
         let result = adapter.receive(bytes, now, &mut frames);
         self.counters.received += frames.len() as u64;
+        let stamp_us = adapter.stamp_us();
         for decoded in self.frames.add(&frames, None, now) {
             self.nodes.take(&decoded, now);
+        }
+        if !frames.is_empty() {
+            self.frames.measure(stamp_us, now);
         }
         for frame in &frames {
             if let Some(transfer) = self.tool.receive(frame, now) {
@@ -122,17 +130,24 @@ impl RealBus {
             }
         }
         if let Err(refusal) = result {
-            self.take_refusal(refusal, now);
+            self.take_refusal(refusal);
         }
         self.poll(now);
     }
 
-    /// An adapter that cannot listen only is opened to send.
-    fn take_refusal(&mut self, refusal: Refusal, now: Duration) {
-        let channel = self.adapter.as_ref().map(Adapter::channel);
+    /// An adapter that cannot listen only stays closed until the user allows it to send.
+    fn take_refusal(&mut self, refusal: Refusal) {
         match refusal {
-            Refusal::Rejected(_) if channel == Some(Channel::ListenOnly) => self.open_to_send(now),
+            Refusal::CannotListen => self.asks_to_send = true,
             _ => self.close(&refusal.to_string()),
+        }
+    }
+
+    /// Opens an adapter that cannot listen only.
+    pub fn allow_sending(&mut self, now: Duration) {
+        if self.asks_to_send {
+            self.asks_to_send = false;
+            self.open_to_send(now);
         }
     }
 
@@ -145,9 +160,9 @@ impl RealBus {
     /// Does what is due. Call it some times a second, and after [`RealBus::take_output`].
     pub fn poll(&mut self, now: Duration) {
         self.frames.poll(now);
-        let Some(adapter) = &mut self.adapter else { return };
+        let Some(adapter) = self.adapter.as_mut().filter(|_| !self.asks_to_send) else { return };
         if let Err(refusal) = adapter.poll(now) {
-            self.take_refusal(refusal, now);
+            self.take_refusal(refusal);
             return;
         }
         if !adapter.is_open() {
@@ -200,6 +215,7 @@ impl RealBus {
         self.updates.stop_all();
         self.adapter = None;
         self.was_open = false;
+        self.asks_to_send = false;
         self.wants_id = false;
         self.tool = Tool::default();
         self.queue.clear();
@@ -411,6 +427,7 @@ impl RealBus {
     pub fn snapshot(&self, now: Duration) -> Json {
         let state = match &self.adapter {
             None => "closed",
+            Some(_) if self.asks_to_send => "asks",
             Some(adapter) if adapter.is_open() => "open",
             Some(_) => "opening",
         };

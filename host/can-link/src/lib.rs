@@ -449,7 +449,7 @@ impl Slcan {
 fn with_option(refusal: Refusal) -> anyhow::Error {
     match refusal {
         Refusal::Rejected(_) => anyhow!("{refusal} (--bitrate)"),
-        Refusal::NoSuchRate(_) => refusal.into(),
+        _ => refusal.into(),
     }
 }
 

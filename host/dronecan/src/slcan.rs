@@ -157,10 +157,13 @@ const BEL: u8 = 0x07;
 #[derive(Debug, Default)]
 pub struct Replies {
     line: Vec<u8>,
+    /// The time stamp of the last frame in microseconds, if it had one.
+    pub stamp_us: Option<u64>,
 }
 
-/// Digits of a time stamp: of milliseconds in the CAN232's protocol, of microseconds in others.
-const STAMPS: [usize; 2] = [4, 8];
+/// Digits of a time stamp, and its unit in microseconds: milliseconds in the CAN232's protocol,
+/// microseconds in others.
+const STAMPS: [(usize, u64); 2] = [(4, 1000), (8, 1)];
 /// Longest reply: a frame with its time stamp.
 const REPLY_MAX: usize = LINE_MAX + 8;
 
@@ -174,8 +177,11 @@ impl Replies {
                 Some(Reply::Refused)
             }
             b'\r' => {
-                let reply = reply(&self.line);
+                let (reply, stamp_us) = reply(&self.line);
                 self.line.clear();
+                if matches!(reply, Reply::Received(_)) {
+                    self.stamp_us = stamp_us;
+                }
                 Some(reply)
             }
             _ => {
@@ -189,25 +195,29 @@ impl Replies {
     }
 }
 
-fn reply(line: &[u8]) -> Reply {
+/// A reply, and the time stamp of a frame.
+fn reply(line: &[u8]) -> (Reply, Option<u64>) {
     let (letter, rest) = match line {
-        [] | [b'z' | b'Z'] => return Reply::Done,
+        [] | [b'z' | b'Z'] => return (Reply::Done, None),
         [letter, rest @ ..] => (*letter, rest),
     };
     let id_digits = match letter {
         b't' | b'r' => 3,
         b'T' | b'R' => 8,
-        b'V' | b'v' | b'N' | b'F' => return Reply::Other,
-        _ => return Reply::Invalid,
+        b'V' | b'v' | b'N' | b'F' => return (Reply::Other, None),
+        _ => return (Reply::Invalid, None),
     };
     let remote = matches!(letter, b'r' | b'R');
+    if let Some(frame) = frame(rest, id_digits, remote) {
+        return (Reply::Received(frame), None);
+    }
     // Adapters add time stamps on request; some always do.
-    let stamped = |digits: usize| {
+    let stamped = |(digits, unit): (usize, u64)| {
         let (line, stamp) = rest.split_at_checked(rest.len().checked_sub(digits)?)?;
-        hex(stamp).and_then(|_| frame(line, id_digits, remote))
+        let stamp_us = u64::from(hex(stamp)?) * unit;
+        Some((Reply::Received(frame(line, id_digits, remote)?), Some(stamp_us)))
     };
-    let received = frame(rest, id_digits, remote).or_else(|| STAMPS.into_iter().find_map(stamped));
-    received.map_or(Reply::Invalid, Reply::Received)
+    STAMPS.into_iter().find_map(stamped).unwrap_or((Reply::Invalid, None))
 }
 
 /// The digit of the command `S` for a bit rate, if it has one.

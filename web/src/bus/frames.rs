@@ -17,8 +17,8 @@ use crate::traffic::{Described, describe, wire};
 const KEPT: usize = 4096;
 /// Frames of the log: at least 20 seconds of a full bus.
 const LOGGED: usize = 200_000;
-/// The load is measured over this time.
-const LOAD_WINDOW: Duration = Duration::from_millis(250);
+/// The load is measured over at least this time: frames come from the USB in bursts.
+const LOAD_WINDOW: Duration = Duration::from_secs(1);
 
 /// A frame that the page has been told of.
 struct Shown {
@@ -41,8 +41,16 @@ pub struct Frames {
     end: Cycles,
     /// Load of the bus, 0 to 1.
     load: f64,
-    /// Start of the present window, and bits of its frames.
-    window: (Duration, u64),
+    window: Window,
+}
+
+/// The time over which the load is measured.
+#[derive(Default)]
+struct Window {
+    start: Duration,
+    /// The same by the time stamps of the adapter, if it adds them.
+    start_us: Option<u64>,
+    bits: u64,
 }
 
 impl Frames {
@@ -57,7 +65,7 @@ impl Frames {
             count: 0,
             end: 0,
             load: 0.0,
-            window: (Duration::ZERO, 0),
+            window: Window::default(),
         }
     }
 
@@ -69,7 +77,7 @@ impl Frames {
         }
         let bits: Vec<u64> = frames.iter().map(|frame| frame.bit_count().into()).collect();
         let total: u64 = bits.iter().sum();
-        self.window.1 += total;
+        self.window.bits += total;
         let cycles = |bits: u64| bits * F_CPU_HZ / u64::from(self.bit_rate);
         // An adapter can tell more frames than the bus carries; time goes on nevertheless.
         let at = cycles_at(at).max(self.end);
@@ -109,14 +117,39 @@ impl Frames {
         decoded
     }
 
-    /// Measures the load.
-    pub fn poll(&mut self, now: Duration) {
-        let (since, bits) = self.window;
-        let time = now.saturating_sub(since);
-        if time >= LOAD_WINDOW {
-            self.load = bits as f64 / (time.as_secs_f64() * f64::from(self.bit_rate));
-            self.window = (now, 0);
+    /// Measures the load up to a frame that arrived now, with the time stamp that the adapter has
+    /// added to it. No command switches the time stamps on: adapters keep that for their next
+    /// client, in an EEPROM.
+    pub fn measure(&mut self, stamp_us: Option<u64>, now: Duration) {
+        // A stamp that is less than the first one begins at 0 again.
+        let by_stamps = stamp_us
+            .zip(self.window.start_us)
+            .and_then(|(end, start)| end.checked_sub(start))
+            .map(Duration::from_micros);
+        match by_stamps {
+            Some(time) if time < LOAD_WINDOW => {}
+            Some(time) => self.end_window(time, stamp_us, now),
+            None if stamp_us.is_some() => {
+                self.window = Window { start: now, start_us: stamp_us, bits: 0 };
+            }
+            None => self.poll(now),
         }
+    }
+
+    /// Measures the load of frames without time stamps, and that of a bus that is silent.
+    pub fn poll(&mut self, now: Duration) {
+        let time = now.saturating_sub(self.window.start);
+        let has_stamps = self.window.start_us.is_some();
+        if time >= LOAD_WINDOW * if has_stamps { 2 } else { 1 } {
+            self.end_window(time, None, now);
+        }
+    }
+
+    fn end_window(&mut self, time: Duration, stamp_us: Option<u64>, now: Duration) {
+        let load = self.window.bits as f64 / (time.as_secs_f64() * f64::from(self.bit_rate));
+        // A burst at the end of the time can have frames from before it.
+        self.load = load.min(1.0);
+        self.window = Window { start: now, start_us: stamp_us, bits: 0 };
     }
 
     /// Load of the bus, 0 to 1.
@@ -226,12 +259,50 @@ mod tests {
     #[test]
     fn the_load_is_that_of_the_bits_and_ends_with_the_frames() {
         let mut frames = Frames::new(1_000_000);
-        for millisecond in 0..250 {
+        for millisecond in 0..1000 {
             frames.add(&[status(1)], None, ms(millisecond));
+            frames.measure(None, ms(millisecond));
         }
-        frames.poll(ms(250));
+        frames.poll(ms(1000));
         assert!((0.12..0.16).contains(&frames.load()), "{}", frames.load());
-        frames.poll(ms(500));
+        frames.poll(ms(2000));
+        assert_eq!(frames.load(), 0.0);
+    }
+
+    /// A full bus whose frames arrive in bursts of 90 ms, once after a stall of half a second.
+    #[test]
+    fn the_load_of_bursts_is_that_of_the_bus() {
+        for has_stamps in [false, true] {
+            let mut frames = Frames::new(1_000_000);
+            let per_burst = 90_000 / u64::from(status(1).bit_count());
+            let mut loads = Vec::new();
+            for burst in 1..=100 {
+                // The stamps begin at 0 each minute.
+                let stamp_us = has_stamps.then_some((burst * 90_000 + 55_000_000) % 60_000_000);
+                let at = if (50..55).contains(&burst) { 55 * 90 } else { burst * 90 };
+                let all = vec![status(1); per_burst as usize];
+                frames.add(&all, None, ms(at));
+                frames.measure(stamp_us, ms(at));
+                loads.push(frames.load());
+            }
+            let measured = &loads[15..];
+            let (least, most) = if has_stamps { (0.97, 1.0) } else { (0.5, 1.0) };
+            assert!(measured.iter().all(|load| (least..=most).contains(load)), "{measured:?}");
+        }
+    }
+
+    #[test]
+    fn a_bus_that_falls_silent_has_no_load_by_stamps_either() {
+        let mut frames = Frames::new(1_000_000);
+        for millisecond in 0..1500 {
+            frames.add(&[status(1)], None, ms(millisecond));
+            frames.measure(Some(1000 * millisecond), ms(millisecond));
+            frames.poll(ms(millisecond));
+        }
+        assert!((0.12..0.16).contains(&frames.load()), "{}", frames.load());
+        for second in 3..7 {
+            frames.poll(ms(1000 * second));
+        }
         assert_eq!(frames.load(), 0.0);
     }
 

@@ -262,11 +262,15 @@ fn the_adapter_only_listens_until_the_user_asks() {
     assert_eq!((&rig.opened[..], &rig.snapshot()["own_id"]), (&[false, true][..], &json!(126)));
 }
 
+/// Opened to send it would acknowledge frames, and at a wrong bit rate disturb the bus.
 #[test]
-fn an_adapter_that_cannot_listen_only_is_opened_to_send() {
+fn an_adapter_that_cannot_listen_only_is_opened_when_the_user_allows_it() {
     let mut rig = Rig::new();
     rig.cannot_listen = true;
     rig.bus.connect(1_000_000, rig.now);
+    rig.run(5);
+    assert_eq!((&rig.snapshot()["state"], &rig.opened[..]), (&json!("asks"), &[false][..]));
+    rig.bus.allow_sending(rig.now);
     rig.run(3);
     let snapshot = rig.snapshot();
     assert_eq!((&snapshot["state"], &snapshot["only_listens"]), (&json!("open"), &json!(false)));

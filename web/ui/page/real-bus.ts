@@ -5,7 +5,7 @@ import boards from "boards.json";
 import { Detail } from "./detail";
 import { byId, download, make, setText } from "./dom";
 import { Parameters } from "./parameters";
-import { type Port, PortError, choosePort, whyNoPorts } from "./ports";
+import { Port, choosePort, findAgain, whyNoPorts } from "./ports";
 import { SimulatedPort } from "./simulated-port";
 import { type Lane, Timeline } from "./timeline";
 import type { BusNode, BusSnapshot, BusUpdate, FrameEvent } from "./types";
@@ -27,7 +27,11 @@ const IDLE = "Plug the adapter in, and press Connect.";
 const SILENT_S = 5;
 const SILENT = "Nothing was heard. Is the bit rate right, and has the bus 120 ohms at both ends?";
 /** CANables ignore the command, and give no answer to any. */
-const CANNOT_LISTEN = ' Some adapters cannot listen only: "Ask for names" opens this one to send, too.';
+const MAY_NOT_LISTEN = ' Some adapters cannot listen only: "Ask for names" opens this one to send, too.';
+const GARBAGE =
+  "This is not an SLCAN adapter, or its port has another baud rate: disconnect, and choose another port, or another rate beside \"Its port\".";
+/** So many lines that are not SLCAN, and no frame, are no adapter. */
+const GARBAGE_LINES = 3;
 /** Lanes of the time line besides those of this page and of all others. */
 const NODE_LANES = 4;
 
@@ -65,6 +69,7 @@ export class RealBusView {
   private port: Port | SimulatedPort | null = null;
   /** True while an adapter is being opened, or is in use. */
   private isConnected = false;
+  private running: Promise<void> = Promise.resolve();
   private begun = 0;
   private drawnAt = 0;
   private chosen: BusNode | null = null;
@@ -110,11 +115,25 @@ export class RealBusView {
 
   // ---- the adapter ----
 
-  private async connect() {
-    const port = this.port ?? (await choosePort());
-    if (port === null) {
+  /** The port of the last time, also if the adapter was unplugged meanwhile, or one that the user chooses. */
+  private async choose(another: boolean) {
+    const before = another ? null : this.port;
+    const port = before instanceof Port && before.isGone ? await findAgain(before) : before;
+    const chosen = port ?? (await choosePort());
+    if (chosen === null) {
       this.say("No port was chosen. An adapter that is not in the list needs the driver of its USB chip.", true);
+    }
+    return chosen;
+  }
+
+  private async connect(another = false) {
+    const port = await this.choose(another);
+    if (port === null || (this.isConnected && port === this.port)) {
       return;
+    }
+    if (this.isConnected) {
+      this.farewell = this.bus.disconnect();
+      await this.running;
     }
     await port.open(Number(this.baud.value), OWNER);
     this.port = port;
@@ -123,7 +142,7 @@ export class RealBusView {
     this.forget();
     this.isConnected = true;
     this.farewell = null;
-    void this.run(port);
+    this.running = this.run(port);
   }
 
   /** Carries bytes between the port and the bus until one of them ends. */
@@ -138,9 +157,6 @@ export class RealBusView {
       }
     } catch (error) {
       this.bus.close(error instanceof Error ? error.message : String(error));
-      if (error instanceof PortError && ["unplugged", "unusable"].includes(error.trouble)) {
-        this.port = null;
-      }
     }
     if (port === this.simulated) {
       this.port = null;
@@ -211,11 +227,19 @@ export class RealBusView {
     setText(byId("can-counters"), counted.map(([count, what]) => `${count} ${what}`).join(", "));
     const names = byId<HTMLButtonElement>("can-names");
     names.disabled = state !== "open" || own_id !== null;
+    byId("can-send").hidden = state !== "asks";
     for (const id of ["can-candump", "can-pcap"]) {
       byId<HTMLButtonElement>(id).disabled = snapshot.logged === 0;
     }
     if (trouble) {
       this.say(trouble, true);
+    } else if (state === "asks") {
+      this.say(
+        `This adapter cannot only listen. Open to send, it acknowledges frames, and at a wrong bit rate it disturbs the bus: press "Open to send" if this bus has ${rate} kbit/s.`,
+        true,
+      );
+    } else if (state === "open" && snapshot.received === 0 && snapshot.invalid >= GARBAGE_LINES) {
+      this.say(GARBAGE, true);
     } else if (state === "opening") {
       this.say("Opening the adapter.");
     } else if (state === "open" && own_id !== null) {
@@ -223,9 +247,11 @@ export class RealBusView {
     } else if (state === "open" && listens_first) {
       this.say("Listening, to take a node ID that no node has.");
     } else if (state === "open" && snapshot.received === 0 && snapshot.now > SILENT_S) {
-      this.say(`${SILENT}${snapshot.only_listens ? CANNOT_LISTEN : ""}`);
-    } else if (state === "open") {
+      this.say(`${SILENT}${snapshot.only_listens ? MAY_NOT_LISTEN : ""}`);
+    } else if (state === "open" && snapshot.only_listens) {
       this.say("The page listens, and sends nothing until you ask for something.");
+    } else if (state === "open") {
+      this.say("The adapter acknowledges frames. The page sends none until you ask for something.");
     }
   }
 
@@ -364,11 +390,14 @@ export class RealBusView {
 
   private listen() {
     const click = (id: string, act: () => void) => byId(id).addEventListener("click", act);
+    const connect = (another: boolean) => {
+      this.connect(another).catch((error) => this.say(error instanceof Error ? error.message : String(error), true));
+    };
     click("can-connect", () => {
       if (this.isConnected) {
         this.farewell = this.bus.disconnect();
       } else {
-        this.connect().catch((error) => this.say(error instanceof Error ? error.message : String(error), true));
+        connect(false);
       }
     });
     click("can-simulated", () => {
@@ -376,10 +405,8 @@ export class RealBusView {
       this.bitRate.value = String(this.simulated.bitRate);
       void this.connect();
     });
-    click("can-other", () => {
-      this.port = null;
-      byId("can-connect").click();
-    });
+    click("can-other", () => connect(true));
+    click("can-send", () => this.bus.allow_sending(this.now()));
     click("can-names", () => this.bus.ask_names());
     click("can-read", () => {
       this.parameters.clear();

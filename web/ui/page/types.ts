@@ -155,7 +155,8 @@ export interface BusUpdate {
 
 /** The state of the real bus. */
 export interface BusSnapshot {
-  state: "closed" | "opening" | "open";
+  /** "asks" if the adapter cannot only listen, and is to be opened to send only by the user. */
+  state: "closed" | "opening" | "asks" | "open";
   trouble: string | null;
   now: number;
   bit_rate: number;

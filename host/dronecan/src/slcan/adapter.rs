@@ -25,6 +25,10 @@ const SENT_MAX: usize = 1000;
 /// While this many bytes wait for the port, no frame is accepted.
 const OUT_MAX: usize = 1024;
 
+/// Lines that are not SLCAN before the channel is open, and no adapter: the first one can be the
+/// rest of a line from the session before.
+const GARBAGE_LINES: u64 = 2;
+
 /// Ends an incomplete line, and a session.
 const CLOSE: &[u8] = b"\rC\r";
 
@@ -35,6 +39,10 @@ pub enum Refusal {
     NoSuchRate(u32),
     /// The adapter rejected this bit rate, or to be opened with it.
     Rejected(u32),
+    /// The adapter rejected to listen only. Its channel is closed.
+    CannotListen,
+    /// What answers is no adapter.
+    Garbage,
 }
 
 impl fmt::Display for Refusal {
@@ -46,6 +54,10 @@ impl fmt::Display for Refusal {
             ),
             Refusal::Rejected(rate) => {
                 write!(f, "the adapter rejects {rate} bit/s; does the bus have another rate?")
+            }
+            Refusal::CannotListen => f.write_str("the adapter cannot listen only"),
+            Refusal::Garbage => {
+                f.write_str("this is not an SLCAN adapter, or its port has another baud rate")
             }
         }
     }
@@ -87,6 +99,8 @@ pub struct Adapter {
     pub echoed: u64,
     /// Number of lines that are not SLCAN.
     pub invalid: u64,
+    /// The same before the channel is open. A byte that no adapter sends counts for all.
+    garbage: u64,
 }
 
 impl Adapter {
@@ -102,12 +116,19 @@ impl Adapter {
             sent: VecDeque::new(),
             echoed: 0,
             invalid: 0,
+            garbage: 0,
         }
     }
 
     /// True if the channel is open.
     pub fn is_open(&self) -> bool {
         self.state == State::Open
+    }
+
+    /// The time stamp of the last frame in microseconds, if the adapter adds them: the time of the
+    /// minute, or another that begins at 0 now and then.
+    pub fn stamp_us(&self) -> Option<u64> {
+        self.replies.stamp_us
     }
 
     /// What the adapter does on the bus once its channel is open.
@@ -131,6 +152,9 @@ impl Adapter {
         frames: &mut Vec<Frame>,
     ) -> Result<(), Refusal> {
         for byte in bytes {
+            if !self.is_open() && !matches!(byte, 0x07 | b'\r' | b'\n' | b' '..=b'~') {
+                self.garbage = GARBAGE_LINES;
+            }
             match self.replies.push(*byte) {
                 Some(Reply::Received(frame)) if self.is_open() => {
                     if self.is_echo(&frame, now) {
@@ -140,6 +164,7 @@ impl Adapter {
                     }
                 }
                 Some(Reply::Invalid) if self.is_open() => self.invalid += 1,
+                Some(Reply::Invalid) => self.garbage += 1,
                 Some(Reply::Done) => self.step(now, true)?,
                 Some(Reply::Refused) => self.step(now, false)?,
                 _ => {}
@@ -202,6 +227,12 @@ impl Adapter {
             State::Closing => {
                 let digit = rate_digit(self.bit_rate).ok_or(Refusal::NoSuchRate(self.bit_rate))?;
                 self.command(State::Rate, &format!("S{digit}\r"), now);
+            }
+            State::Rate | State::Opening if self.garbage >= GARBAGE_LINES => {
+                return Err(Refusal::Garbage);
+            }
+            State::Opening if !done && self.channel == Channel::ListenOnly => {
+                return Err(Refusal::CannotListen);
             }
             State::Rate | State::Opening if !done => {
                 return Err(Refusal::Rejected(self.bit_rate));
@@ -299,6 +330,56 @@ mod tests {
         assert_eq!(refusal, Refusal::Rejected(125_000));
         let mut adapter = Adapter::new(123, Channel::Normal, ms(0));
         assert_eq!(adapter.poll(ms(500)), Err(Refusal::NoSuchRate(123)));
+    }
+
+    #[test]
+    fn an_adapter_that_cannot_listen_only_is_no_wrong_rate() {
+        let mut adapter = Adapter::new(125_000, Channel::ListenOnly, ms(0));
+        adapter.poll(ms(500)).unwrap();
+        adapter.receive(b"\r", ms(501), &mut Vec::new()).unwrap();
+        let refusal = adapter.receive(b"\x07", ms(502), &mut Vec::new()).unwrap_err();
+        assert_eq!(refusal, Refusal::CannotListen);
+    }
+
+    /// A GPS, an adapter at another baud rate, a program that prints; each has the bytes of answers
+    /// among its own.
+    #[test]
+    fn what_speaks_another_language_is_no_adapter() {
+        let others: [&[u8]; 3] =
+            [b"$GPGGA,1\r\n$GPGSA,A\r\n", b"\xFE\x07\xF8\x07", b"ok\r\x07$x\r\x07\x07"];
+        for other in others {
+            let mut adapter = Adapter::new(1_000_000, Channel::ListenOnly, ms(0));
+            let mut now = 0;
+            let refusal = loop {
+                now += 100;
+                assert!(now < 5000, "{}", other.escape_ascii());
+                let result = adapter.receive(other, ms(now), &mut Vec::new());
+                if let Err(refusal) = result.and_then(|()| adapter.poll(ms(now))) {
+                    break refusal;
+                }
+            };
+            assert_eq!(refusal, Refusal::Garbage, "{}", other.escape_ascii());
+        }
+        // The end of a line from the session before.
+        let mut adapter = Adapter::new(1_000_000, Channel::ListenOnly, ms(0));
+        adapter.receive(b"00C0\r\x07", ms(1), &mut Vec::new()).unwrap();
+        adapter.poll(ms(31)).unwrap();
+        adapter.receive(b"\r\r", ms(32), &mut Vec::new()).unwrap();
+        assert!(adapter.is_open());
+    }
+
+    #[test]
+    fn the_time_stamp_of_the_last_frame_is_kept() {
+        let mut adapter = open();
+        for (line, stamp) in [
+            (&b"t1230\r"[..], None),
+            (b"t123003E8\r", Some(1_000_000)),
+            (b"\r", Some(1_000_000)),
+            (b"t1230000003E8\r", Some(1000)),
+        ] {
+            adapter.receive(line, ms(2000), &mut Vec::new()).unwrap();
+            assert_eq!(adapter.stamp_us(), stamp);
+        }
     }
 
     #[test]
