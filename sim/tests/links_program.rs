@@ -45,7 +45,10 @@ impl Drop for Sim {
 /// The command `sim`, limited to 3 minutes, so that it ends even if the test is killed.
 fn sim(options: &[&str]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_sim"));
-    command.args(["--plain", "--for", "3m"]).args(options);
+    if !options.contains(&"--for") {
+        command.args(["--for", "3m"]);
+    }
+    command.arg("--plain").args(options);
     command
 }
 
@@ -142,6 +145,44 @@ fn avrdude_uploads_through_the_original_bootloaders() {
 }
 
 #[test]
+fn a_bootloader_that_is_too_long_is_named_with_one_that_fits() {
+    let Some(hex) = bootloader("../optiboot/optiboot_atmega328.hex") else { return };
+    let hex = hex.to_str().unwrap();
+    let options = ["--board", "uno", "--no-program", "--bootloader", hex];
+    assert_fails(&options, &format!("the bootloader {hex}: 32,788 bytes"));
+    assert_fails(&options, "scripts/optiboot compiles one that fits");
+}
+
+/// Without an ELF, and with only the program of a Diecimila built.
+#[test]
+fn a_board_runs_its_own_program_or_says_how_to_build_it() {
+    let scratch = Scratch::new();
+    fs::create_dir(scratch.path("firmware")).unwrap();
+    let build = |chip: &str, name: &str| {
+        fs::copy(elf_for(&scratch, "echo", chip), scratch.path("firmware").join(name)).unwrap();
+    };
+    let run = |options: &[&str]| {
+        let mut sim = sim(&[&["--for", "10ms", "--no-autopilot"], options].concat());
+        for variable in ["NODE_ELF", "NODE_BOARD", "NODE_SHIELD"] {
+            sim.env_remove(variable);
+        }
+        let output = sim.env("CARGO_TARGET_DIR", scratch.path("")).output().expect("sim starts");
+        let of = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (output.status.success(), of(&output.stdout) + &of(&output.stderr))
+    };
+    build("atmega168", "diecimila-seeed.elf");
+    let (is_run, text) = run(&[]);
+    assert!(is_run && text.contains("Diecimila (ATmega168)") && text.contains("ready"), "{text}");
+    let (is_run, text) = run(&["--board", "uno"]);
+    assert!(!is_run && text.contains("make firmware BOARD=uno SHIELD=seeed"), "{text}");
+    build("atmega328p", "uno-seeed.elf");
+    for (board, title) in [("uno", "Uno (ATmega328P)"), ("nano", "bootloader (ATmega328P)")] {
+        let (is_run, text) = run(&["--board", board]);
+        assert!(is_run && text.contains(title) && text.contains("ready"), "{text}");
+    }
+}
+
+#[test]
 fn the_error_of_a_bootloader_for_another_chip_names_the_right_option() {
     let Some(hex) = bootloader("ATmegaBOOT_168_atmega328.hex") else { return };
     let scratch = Scratch::new();
@@ -162,6 +203,7 @@ fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
         port.to_str().unwrap(),
         "--bootloader",
         hex.to_str().unwrap(),
+        "--no-program",
         "--board",
         board,
     ];

@@ -110,6 +110,19 @@ pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf
     Ok(path)
 }
 
+/// The path of the firmware with the default preset for a board, or of the same program that was
+/// built for another board with its chip and CAN board.
+///
+/// # Errors
+/// If there is none; the message says how to build it.
+pub fn firmware_like(wiring: &Wiring) -> Result<PathBuf> {
+    let Wiring { board, shield, chip, .. } = wiring;
+    let likes = boards::names("boards").filter_map(|name| Wiring::of(name, shield).ok());
+    let built = likes.filter(|like| like.chip == *chip).map(|like| built(&like, &preset(*chip)));
+    let own = firmware_for(board, shield, &preset(*chip));
+    own.or_else(|missing| built.into_iter().find(|path| path.exists()).ok_or(missing))
+}
+
 /// The path of the bootloader that `make boot` builds for a board.
 ///
 /// # Errors

@@ -36,7 +36,7 @@ pub use avr_model as avr;
 
 pub use bench::Bench;
 pub use firmware::{
-    bootloader, chosen_board, eeprom_after_first_start, firmware, firmware_for, node_elf, root,
-    target_dir,
+    bootloader, chosen_board, eeprom_after_first_start, firmware, firmware_for, firmware_like,
+    node_elf, root, target_dir,
 };
 pub use sim_base::{Cycles, F_CPU_HZ, Noise, elapsed, thousands};

@@ -19,7 +19,7 @@ use crate::links::Link;
 use crate::links::script::{BenchEvent, RPM_MAX, Script};
 use crate::pins::Watched;
 use crate::usage::OrUsage;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use bench::autopilot::{Autopilot, Moves, Settings};
 use bench::avr::{self, Avr, Firmware, ResetCause};
 use bench::board::Board;
@@ -33,10 +33,9 @@ use bench::mcp2515::{Fate, LoggedFrame};
 use bench::node_ids::{self, CAN_NODE};
 use bench::pins::Setting;
 use bench::wiring::Wiring;
-use bench::{Bench, node_elf};
-use bench::{Cycles, F_CPU_HZ};
+use bench::{Bench, Cycles, F_CPU_HZ, firmware_like, node_elf};
 use std::collections::VecDeque;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Value of an erased flash byte.
 const ERASED: u8 = 0xFF;
@@ -95,11 +94,10 @@ impl Scene {
     /// If the firmware or the bootloader is missing or does not fit, or a link cannot be opened;
     /// the message says what to do.
     pub fn new(args: &Args) -> Result<Scene> {
-        let path = args.elf.clone().map_or_else(node_elf, Ok)?;
         // With --no-program the firmware only describes the board, and may be missing.
-        let firmware = match Firmware::read(&path).or_usage() {
-            Err(_) if args.links.no_program && args.elf.is_none() => Firmware::default(),
-            firmware => firmware?,
+        let (path, firmware) = match firmware(args) {
+            Err(_) if args.links.no_program && args.elf.is_none() => Default::default(),
+            found => found?,
         };
         let wiring =
             Wiring::of_program(&firmware).with_context(|| path.display().to_string()).or_usage()?;
@@ -121,11 +119,7 @@ impl Scene {
             .as_ref()
             .map(|hex| bootloader(hex.as_deref(), &wiring))
             .transpose()?;
-        let boot_section = loader
-            .as_ref()
-            .map(|loader| loader.boot_section(wiring.chip))
-            .transpose()
-            .or_usage()?;
+        let (loader, boot_section) = loader.unzip();
         let nothing = Firmware::default();
         let first = if args.links.no_program { &nothing } else { firmware };
         let powered = |program: &Firmware, seed: u64| {
@@ -756,10 +750,40 @@ impl Scene {
 }
 
 /// Reads the bootloader from `hex`, or the one that `make boot` has built for the board.
-fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<Firmware> {
+/// The bootloader, and the start of its section.
+fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<(Firmware, usize)> {
     let path =
         hex.map_or_else(|| bench::bootloader(wiring), |hex| Ok(hex.to_owned())).or_usage()?;
-    Firmware::read_hex(&path).or_usage()
+    let loader = Firmware::read_hex(&path).or_usage()?;
+    let start = loader.boot_section(wiring.chip).map_err(|error| {
+        // Debian's compiler makes it too long for its section.
+        let is_optiboot = path.ends_with("optiboot_atmega328.hex");
+        let advice = if is_optiboot { "; scripts/optiboot compiles one that fits" } else { "" };
+        anyhow!("the bootloader {}: {error:#}{advice}", path.display())
+    });
+    Ok((loader, start.or_usage()?))
+}
+
+/// The program of the command line or of `make`. If it is for another chip or CAN board than
+/// `--board` and `--shield` name, the one that `make firmware` has built for those.
+fn firmware(args: &Args) -> Result<(PathBuf, Firmware)> {
+    let path = args.elf.clone().map_or_else(node_elf, Ok)?;
+    let firmware = Firmware::read(&path).or_usage();
+    let names_board = args.wires.board.is_some() || args.wires.shield.is_some();
+    if args.elf.is_some() || !names_board {
+        return Ok((path, firmware?));
+    }
+    let of = match &firmware {
+        Ok(firmware) => Wiring::of_program(firmware)?,
+        Err(_) => Wiring::default(),
+    };
+    let wanted = args.wires.apply(of.clone()).or_usage()?;
+    if firmware.is_ok() && (wanted.chip, &wanted.shield) == (of.chip, &of.shield) {
+        return Ok((path, firmware?));
+    }
+    let path = firmware_like(&wanted).or_usage()?;
+    let firmware = Firmware::read(&path).or_usage()?;
+    Ok((path, firmware))
 }
 
 /// What is added to a consequence of a stack that has run into variables.
