@@ -749,8 +749,8 @@ impl Scene {
     }
 }
 
-/// Reads the bootloader from `hex`, or the one that `make boot` has built for the board.
-/// The bootloader, and the start of its section.
+/// Reads the bootloader from `hex`, or the one that `make boot` has built for the board. Returns it
+/// with the start of its section.
 fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<(Firmware, usize)> {
     let path =
         hex.map_or_else(|| bench::bootloader(wiring), |hex| Ok(hex.to_owned())).or_usage()?;
