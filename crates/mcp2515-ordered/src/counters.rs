@@ -53,13 +53,13 @@ pub const NO_WORD: u8 = u8::MAX;
 /// such as frames that it does not pass to the driver.
 #[cfg(feature = "counters")]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters(pub [u16; WORDS as usize + 1]);
+pub struct Counters(pub [u16; WORDS as usize + 1], u8);
 
 #[cfg(feature = "counters")]
 impl Counters {
     /// Counters that are all zero.
     pub const fn new() -> Self {
-        Self([0; WORDS as usize + 1])
+        Self([0; WORDS as usize + 1], 0)
     }
 
     /// Returns the word `n`, or 0 if there is none.
@@ -77,6 +77,20 @@ impl Counters {
         if is_carry && let Some(word) = self.0.get_mut(usize::from(high)) {
             *word = word.wrapping_add(1);
         }
+    }
+
+    /// Adds 1 to a count for each bit of `buffers`.
+    pub(crate) fn add_each(&mut self, counter: Counter, mut buffers: u8) {
+        while buffers != 0 {
+            buffers &= buffers - 1;
+            self.add(counter, 1);
+        }
+    }
+
+    /// Counts the errors by which REC has increased since the last call.
+    pub(crate) fn note_rec(&mut self, rec: u8) {
+        self.add(Counter::RxErrors, rec.saturating_sub(self.1));
+        self.1 = rec;
     }
 
     /// Adds 1 to a count of 32 bits.
@@ -109,6 +123,10 @@ impl Counters {
     }
 
     pub(crate) fn add(&mut self, _counter: Counter, _more: u8) {}
+
+    pub(crate) fn add_each(&mut self, _counter: Counter, _buffers: u8) {}
+
+    pub(crate) fn note_rec(&mut self, _rec: u8) {}
 
     pub(crate) fn count_long(&mut self, _counter: Counter) {}
 }

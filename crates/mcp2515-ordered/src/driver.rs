@@ -39,21 +39,38 @@ const START_UP_MS: u8 = 2;
 /// soon as they wait.
 const TX_TIMEOUT_CHECKS: u8 = (TX_TIMEOUT_MS / SUPERVISION_MS as u16) as u8 + 1;
 
-/// Number of supervisions without a frame that passed after which nobody acknowledges those of an
-/// error-passive chip: if they were destroyed, it would be bus-off. The cable may be plugged in
-/// elsewhere next.
-const PASSIVE_CHECKS: u8 = 4;
+/// Number of supervisions without a received frame after which an error-passive chip holds back
+/// what it sends. If it hears no error either, it is alone: the cable may be plugged in elsewhere
+/// next.
+const QUIET_CHECKS: u8 = 10;
+
+/// Number of supervisions without a received frame after which an error-passive chip listens,
+/// because the others have another bit rate or each of their frames is destroyed.
+const DEAF_CHECKS: u8 = 150;
 
 /// The first of the last four supervisions of each [`TX_TIMEOUT_MS`]: from it on a chip gets frames
 /// although its first one failed and the bit rate of the bus is unknown.
 const FIRST_TRIAL_CHECK: u8 = TX_TIMEOUT_CHECKS - 4;
 
-/// The unit of the time for which a chip hears nothing, in milliseconds.
-const LISTENING_MS: u8 = 255;
+/// The unit in which a chip that listens measures time, in milliseconds.
+const LISTENING_MS: u8 = 85;
 
-/// The silence after which a chip that listens is put on the bus again: 1 s. Each node of DroneCAN
-/// sends once a second.
-const SILENCE: u8 = (1020 / LISTENING_MS as u16) as u8;
+/// The time without an error after which a chip that listens is put on the bus again: 1 s. Each
+/// node of DroneCAN sends once a second.
+const QUIET: u8 = (1020 / LISTENING_MS as u16) as u8;
+
+/// The proof that the bit rate is that of the bus: then no error of others takes the chip off the
+/// bus. Each supervision on the bus adds 1: each node of DroneCAN sends once a second, and one of
+/// another rate would have made the chip error-passive.
+const PROOF: u8 = 120;
+
+/// What each [`LISTENING_MS`] with a valid frame adds to the proof. Nodes of one wrong rate do not
+/// prove it to each other: all of them listen soon after the first frame of the others.
+const PROOF_OF_FRAME: u8 = 20;
+
+/// The number of [`LISTENING_MS`] with errors only after which a chip that listens reports that the
+/// bus has another bit rate. They are counted in the proof, where they prove little.
+const REPORT: u8 = 2;
 
 /// What the driver knows of the bit rate of the bus. The value is that of CANCTRL.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -61,11 +78,12 @@ const SILENCE: u8 = (1020 / LISTENING_MS as u16) as u8;
 enum BusRate {
     /// It is that of the chip: a frame has passed.
     Same = MODE_NORMAL,
-    /// No frame has passed since the start, since the chip was error-passive or bus-off, or for
-    /// [`TX_TIMEOUT_MS`]. The chip tries each frame once, and the driver looks at its errors in
-    /// every second turn. After the first frame the next ones wait: see [`FIRST_TRIAL_CHECK`].
+    /// No frame has passed since the start, since a bus-off, since the chip is error-passive and
+    /// has received nothing for [`QUIET_CHECKS`], or since it gave up frames. The chip tries each
+    /// frame once, and the driver looks at its errors in every second turn. After the first frame
+    /// the next ones wait: see [`FIRST_TRIAL_CHECK`].
     Unknown = MODE_NORMAL | OSM,
-    /// It is another one. The chip only listens.
+    /// It may be another one. The chip only listens, until it has heard that it is not.
     Another = MODE_LISTEN_ONLY,
 }
 
@@ -98,8 +116,9 @@ pub enum Event {
     /// INT does not follow the chip: it is stuck, or not wired. Until the chip is restarted the
     /// driver asks it for frames: see [`Driver::is_int_wrong`]. The value is zero.
     IntWrong,
-    /// The bus has another bit rate, or each of its frames is disturbed. The chip listens only, and
-    /// comes back by itself: [`Running`](Self::Running) follows. The value is zero.
+    /// The bus has another bit rate, or each of its frames has been disturbed since the start. The
+    /// chip only listens, has heard no valid frame, and comes back by itself:
+    /// [`Running`](Self::Running) follows. The value is zero.
     AnotherRate,
     /// The driver gave up frames that waited for [`TX_TIMEOUT_MS`], or no frame has passed for that
     /// time. The chip tries each waiting frame once more. The value is zero.
@@ -154,8 +173,6 @@ pub struct Driver<C, INT, A> {
     configuration: Configuration<A>,
     /// EFLG at the last check, without RX0OVR and RX1OVR.
     flags: u8,
-    /// REC at the last check.
-    rec: u8,
     tx: TxOrder,
     /// Time of the last poll, modulo 256, and time from then to the next poll.
     polled_ms: u8,
@@ -171,9 +188,15 @@ pub struct Driver<C, INT, A> {
     is_to_look: bool,
     /// The value of CANCTRL that was written last.
     canctrl: u8,
-    /// The time since a chip that listens has heard something, in [`LISTENING_MS`]. On the bus 0
-    /// until there was room for a first frame.
-    silence: u8,
+    /// See [`PROOF`].
+    proof: u8,
+    /// Number of supervisions since a frame was received. If the chip listens, the time since an
+    /// error, in [`LISTENING_MS`].
+    quiet: u8,
+    /// The chip that listens has heard a valid frame in this [`LISTENING_MS`].
+    has_heard: bool,
+    /// There was room for a first frame.
+    has_tried: bool,
     /// The last part of a supervision that was done.
     part: u8,
     /// INT did not follow the chip since its last start.
@@ -209,11 +232,13 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
             bus_rate: BusRate::Unknown,
             is_to_look: false,
             canctrl: 0,
-            silence: 0,
+            proof: 0,
+            quiet: 0,
+            has_heard: false,
+            has_tried: false,
             part: 0,
             is_int_wrong: false,
             flags: 0,
-            rec: 0,
             counters: Counters::new(),
         }
     }
@@ -222,6 +247,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     /// the chip has not sent yet are lost. The chip is off the bus for about 5 ms.
     pub fn configure(&mut self, configuration: Configuration<A>) {
         self.configuration = configuration;
+        self.proof = 0;
         self.rejoin();
     }
 
@@ -314,18 +340,18 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
         self.is_to_look = false;
         if step >= Step::LISTENING && is_early {
             self.looked_ms = now_ms;
-            return if step == Step::LISTENING { self.listen() } else { self.check_errors() };
+            if step == Step::LISTENING {
+                self.hear();
+                return None;
+            }
+            return self.check_errors();
         }
         self.polled_ms = now_ms;
         if step.is_running() {
             return self.supervise();
         }
         if step == Step::LISTENING {
-            self.silence += 1;
-            if self.silence > SILENCE {
-                self.rejoin();
-            }
-            return None;
+            return self.judge();
         }
         self.wait_ms = 0;
         if step == Step::DOWN && !self.configuration.timing.is_set() {
@@ -367,7 +393,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
             if self.bus_rate == BusRate::Another {
                 self.step = Step::LISTENING;
                 self.wait_ms = LISTENING_MS;
-                self.silence = 0;
+                self.quiet = 1;
                 return None;
             }
             self.step = Step::RUNNING;
@@ -442,6 +468,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
         let dlc = self.chip.read_frame(buffer, frame);
 
         self.bus_rate = BusRate::Same;
+        self.quiet = 0;
         self.counters.count_long(Counter::RxReceived);
         convert(frame, dlc);
         if buffer == Buffer::Rxb0 && self.rx.is_empty() && self.is_int_low() {
@@ -464,11 +491,9 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
             return;
         }
         self.check_waiting();
-        if self.bus_rate == BusRate::Same
-            || self.silence == 0
-            || self.tx_checks >= FIRST_TRIAL_CHECK
+        if self.bus_rate == BusRate::Same || !self.has_tried || self.tx_checks >= FIRST_TRIAL_CHECK
         {
-            self.silence = 1;
+            self.has_tried = true;
             self.room = self.tx.next(self.tx_waiting);
         }
     }
@@ -530,8 +555,18 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
         }
         if self.part == 3 {
             let rec = self.chip.read(REC);
-            self.counters.add(Counter::RxErrors, rec.saturating_sub(self.rec));
-            self.rec = rec;
+            self.counters.note_rec(rec);
+            if self.flags & RXEP != 0 && self.quiet >= DEAF_CHECKS {
+                // The rate was the right one for a second. So there is nothing to report.
+                self.listen(REPORT);
+                return None;
+            }
+            if self.flags & (TXEP | RXEP) != 0 && self.quiet >= QUIET_CHECKS {
+                self.bus_rate = BusRate::Unknown;
+                if rec == 0 || self.proof < PROOF {
+                    self.proof = 0;
+                }
+            }
             if self.chip.read(RXB0CTRL) & (RXM | BUKT) != BUKT {
                 return self.fail(Event::Lost, 0);
             }
@@ -540,32 +575,76 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
         self.part = 0;
         self.wait_ms = SUPERVISION_MS;
         self.check_waiting();
+        self.quiet = self.quiet.wrapping_add(1);
+        if self.bus_rate == BusRate::Unknown && self.chip.read(TXB2CTRL) & (MLOA | TXERR) == MLOA {
+            // It lost against a frame, of which the chip has noticed no error.
+            self.bus_rate = BusRate::Same;
+        }
+        if self.bus_rate == BusRate::Same && self.proof < PROOF {
+            self.proof += 1;
+        }
         self.tx_checks += 1;
         if self.tx_checks != TX_TIMEOUT_CHECKS {
             self.write_canctrl();
             return None;
         }
         self.tx_checks = 0;
-        // The cable may be plugged in elsewhere next.
+        // Tries each frame that waits once more.
         self.bus_rate = BusRate::Unknown;
         self.chip.clear_interrupts();
         self.write_canctrl();
         Some(Notice { event: Event::GaveUpSending, value: 0 })
     }
 
-    /// Puts a chip that listens on the bus again if it has heard a frame, and no error since the
-    /// last look. In this mode the chip stores frames with errors, too (DS20001801J 10.3). So none
-    /// of them is received, and the reset discards them. After an error the chip listens with the
-    /// next timing, if there is one.
-    fn listen(&mut self) -> Option<Notice> {
+    /// Takes the chip off the bus, on which it is again when it has heard that its bit rate is the
+    /// right one. `proof` is 0, or [`REPORT`] if nothing is to be reported.
+    #[inline(never)]
+    fn listen(&mut self, proof: u8) {
+        self.bus_rate = BusRate::Another;
+        self.proof = proof;
+        // A request for listen-only mode would wait for an idle bus, so a reset follows.
+        self.restart();
+    }
+
+    /// Notes what a chip that listens has heard since the last look. In this mode the chip stores
+    /// frames with errors, too (DS20001801J 10.3). So none of them is received, and the reset
+    /// discards them.
+    fn hear(&mut self) {
         let heard = self.chip.take_interrupts() & (MERRF | RX1IF | RX0IF);
-        if heard != 0 {
-            self.silence = 0;
-            if heard < MERRF {
+        if heard >= MERRF {
+            self.quiet = 0;
+        } else if heard != 0 {
+            self.has_heard = true;
+        }
+    }
+
+    /// Puts a chip that listens on the bus again if it has heard a valid frame and no error in the
+    /// last [`LISTENING_MS`], no error for a second, or both errors and valid frames three times.
+    /// If it has heard errors only, it listens with the next timing, if there is one.
+    fn judge(&mut self) -> Option<Notice> {
+        let is_disturbed = self.quiet == 0;
+        self.quiet += 1;
+        let has_heard = core::mem::take(&mut self.has_heard);
+        if !is_disturbed {
+            if has_heard || self.quiet > QUIET {
+                self.proof = 0;
                 self.rejoin();
-            } else if let Some(timing) = self.configuration.acceptance.next_timing() {
+            }
+        } else if has_heard {
+            self.proof += PROOF_OF_FRAME;
+            if self.proof >= PROOF {
+                self.rejoin();
+            }
+        } else if self.proof < PROOF_OF_FRAME {
+            if let Some(timing) = self.configuration.acceptance.next_timing() {
                 self.configuration.timing = timing;
                 self.restart();
+            }
+            if self.proof < REPORT {
+                self.proof += 1;
+                if self.proof == REPORT {
+                    return Some(Notice { event: Event::AnotherRate, value: 0 });
+                }
             }
         }
         None
@@ -575,7 +654,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     #[inline(never)]
     fn rejoin(&mut self) {
         self.bus_rate = BusRate::Unknown;
-        self.silence = 0;
+        self.has_tried = false;
         self.restart();
     }
 
@@ -611,21 +690,21 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
         if eflg & (RX0OVR | RX1OVR) != 0 {
             self.counters.add(Counter::RxOverflow, 1);
             self.chip.clear_overflow();
-        } else if self.bus_rate == BusRate::Unknown && self.chip.read(REC) != 0 {
-            // A disturbed frame, before one has passed. A chip that has lost frames has had some.
+        } else if self.proof < PROOF
+            && (eflg & RXEP != 0 || self.bus_rate == BusRate::Unknown && self.chip.read(REC) != 0)
+        {
+            // A disturbed frame before one has passed, or many before the rate is proven. A chip
+            // that has lost frames has had some.
             // `flags` stay those that were reported: what the reset changes is reported after it.
-            self.bus_rate = BusRate::Another;
-            // A request for listen-only mode would wait for an idle bus, so the reset follows.
-            return self.fail(Event::AnotherRate, 0);
+            self.listen(0);
+            return None;
         }
         let before = core::mem::replace(&mut self.flags, eflg & !(RX0OVR | RX1OVR));
         // ERRIF may have been set between the two registers.
         let risen = eflg & !before;
         let has_error = canintf & ERRIF != 0 || risen != 0;
         // TXnIF are cleared below, or were when TXEP was set.
-        if (risen & (TXBO | RXEP) != 0 || eflg & TXEP != 0 && self.tx_checks >= PASSIVE_CHECKS)
-            && self.bus_rate == BusRate::Same
-        {
+        if risen & TXBO != 0 {
             self.bus_rate = BusRate::Unknown;
         }
         if has_error {
@@ -682,7 +761,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
             self.bus_rate = BusRate::Same;
         }
         let waiting = status & status::TXREQ;
-        let mut gone = self.tx_waiting & !waiting;
+        let gone = self.tx_waiting & !waiting;
         if waiting == 0 || waiting != self.tx_waiting {
             self.tx_waiting = waiting;
             // A frame that was tried once need not have been sent.
@@ -690,13 +769,10 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
                 self.tx_checks = 0;
             }
         }
-        while gone != 0 {
-            gone &= gone - 1;
-            if self.bus_rate != BusRate::Same {
-                self.counters.add(Counter::TxTimedOut, 1);
-            } else if self.configuration.attempts == Attempts::UntilSent {
-                self.counters.add(Counter::TxSuccess, 1);
-            }
+        if self.bus_rate != BusRate::Same {
+            self.counters.add_each(Counter::TxTimedOut, gone);
+        } else if self.configuration.attempts == Attempts::UntilSent {
+            self.counters.add_each(Counter::TxSuccess, gone);
         }
     }
 }

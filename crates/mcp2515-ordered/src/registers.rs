@@ -39,6 +39,7 @@ pub const EFLG: u8 = 0x2D;
 /// TXBnCTRL of the other buffers are 16 and 32 higher. The two lowest bits are TXP, the priority.
 /// SIDH, SIDL, EID8, EID0, DLC and the data follow.
 pub const TXB0CTRL: u8 = 0x30;
+pub const TXB2CTRL: u8 = 0x50;
 pub const RXB0CTRL: u8 = 0x60;
 
 /// CANSTAT: the current mode of the chip.
@@ -83,6 +84,11 @@ pub const TXBO: u8 = 1 << 5;
 pub const TXEP: u8 = 1 << 4;
 /// EFLG: receive error-passive.
 pub const RXEP: u8 = 1 << 3;
+
+/// TXBnCTRL: the frame lost an arbitration.
+pub const MLOA: u8 = 1 << 5;
+/// TXBnCTRL: there was an error while the frame was sent.
+pub const TXERR: u8 = 1 << 4;
 
 /// RXB0CTRL: 00 receives the frames that the filters accept.
 pub const RXM: u8 = 0b0110_0000;

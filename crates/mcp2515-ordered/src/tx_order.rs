@@ -37,7 +37,9 @@ impl Rank {
     fn next(self) -> Option<Self> {
         // From TXB0 to TXB2 of the next lower priority, or to the next lower buffer.
         let down = if self.buffer() == 1 { 5 } else { self.buffer() >> 1 };
-        NonZeroU8::new(self.0.get().saturating_sub(down)).map(Self)
+        // Below the lowest rank the subtraction wraps around. An AVR needs the fewest instructions.
+        let rank = self.0.get().wrapping_sub(down);
+        NonZeroU8::new(rank).filter(|rank| *rank < Self::HIGHEST.0).map(Self)
     }
 }
 
