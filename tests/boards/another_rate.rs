@@ -208,8 +208,6 @@ fn a_node_that_finds_the_rate_is_on_the_bus_within_a_second() {
         assert!(others.of_node > 0, "{bit_rate} bit/s\n{}", rig.serial);
         assert!(others.error_frames <= ERRORS, "{bit_rate}: {} errors", others.error_frames);
         assert!(others.latest <= LATEST, "{bit_rate}: {} us late", others.latest / 16);
-        let said = rig.serial.contains("another bit rate or crystal");
-        assert_eq!(said, bit_rate != rig::board().fastest_bit_rate(), "{}", rig.serial);
         // It has the rate, and answers.
         assert_eq!(rig.parameter("CAN_BAUDRATE").value, Value::Integer(0));
     }

@@ -2,7 +2,10 @@
 //! second of its end without flooding the bus. The cases are in `faults/bus.rs`, what they measure
 //! in docs/reliability.md.
 
+use bench::fault::{self, Fault};
+use bench::inject::{Injector, Target};
 use rig::faults::bus;
+use rig::{ARRAY_COMMAND, MS, NODE, PWM, Rig, array_command};
 
 #[test]
 fn a_pulled_cable_is_logged_and_the_node_recovers() {
@@ -50,7 +53,7 @@ fn bus_off_is_counted_and_logged_and_the_node_recovers() {
 }
 
 #[test]
-fn while_each_frame_is_destroyed_the_node_listens_and_then_it_recovers() {
+fn while_each_frame_is_destroyed_the_node_is_error_passive_and_then_it_recovers() {
     bus::DESTROYED.check();
 }
 
@@ -58,5 +61,69 @@ fn while_each_frame_is_destroyed_the_node_listens_and_then_it_recovers() {
 fn bit_errors_are_counted_and_the_node_recovers_at_each_error_rate() {
     for case in [&bus::NOISE_5, &bus::NOISE_4, &bus::NOISE_3, &bus::NOISE_2] {
         case.check();
+    }
+}
+
+/// Faults in which the node cannot receive, whatever passes between others, and those of the
+/// commander.
+const CUTS_OFF: [Fault; 9] = [
+    Fault::AckDestroyed,
+    Fault::Cable,
+    Fault::ChipHeld,
+    Fault::ChipPower,
+    Fault::Disarm,
+    Fault::MisoHigh,
+    Fault::MisoLow,
+    Fault::OtherDialect,
+    Fault::Silence,
+];
+
+/// Sends a command each 40 ms for ten seconds of the fault, each with a width of its own. Returns
+/// the commands that passed, those whose width a pulse had, and the text on the serial monitor.
+fn followed(fault: Fault) -> (usize, usize, String) {
+    let mut rig = Rig::running();
+    let mut injector = Injector::new(&mut rig.bench);
+    // So long a node that is cut off may have been on the bus.
+    rig.run_ms(2000);
+    rig.forget();
+    rig.overflows_expected = true;
+    rig.violations_expected = fault.disturbs_chip();
+    rig.serial.clear();
+    let bench = &mut rig.bench;
+    let target = Target { bench, node: 0, autopilot: None, node_id: NODE as u8, sensor_c: 25.0 };
+    injector.inject(fault, &mut { target });
+    for n in 0..250 {
+        let [data] = &array_command(&[(1, PWM, width_us(n))], n as u8 & 31)[..] else { panic!() };
+        rig.send(ARRAY_COMMAND | 10, data);
+        rig.run_ms(40);
+    }
+    rig.run_ms(40);
+    let widths: Vec<f64> = rig.pulses.iter().map(|pulse| pulse.width_us()).collect();
+    let mut passed: Vec<&[u8]> = vec![];
+    for (_, frame) in &rig.traffic {
+        if frame.id == bench::can::Id::Extended(ARRAY_COMMAND | 10)
+            && passed.last() != Some(&frame.data())
+        {
+            passed.push(frame.data());
+        }
+    }
+    let is_followed = |n: &usize| widths.contains(&f64::from(width_us(*n)));
+    (passed.len(), (0..250).filter(is_followed).count(), rig.serial.clone())
+}
+
+/// A width that no other of 250 commands has.
+fn width_us(n: usize) -> f32 {
+    1100.0 + 3.0 * n as f32
+}
+
+#[test]
+fn of_the_commands_that_pass_in_a_fault_the_node_follows_95_of_100() {
+    for fault in fault::ALL {
+        if CUTS_OFF.contains(&fault) {
+            continue;
+        }
+        let (passed, followed, _) = followed(fault);
+        println!("{fault}: {followed} of {passed}");
+        assert!(100 * followed >= 95 * passed, "{fault}: {followed} of {passed} followed");
     }
 }

@@ -130,7 +130,8 @@ impl Trial {
             line: "",
             logged_at: None,
         };
-        trial.live(200);
+        // After 1.2 s the driver knows that the bit rate is that of the bus.
+        trial.live(1300);
         // A DroneCAN message for other nodes. After it the node's filters accept DroneCAN v0 only.
         trial.rig.send(0x1804_2E0A, &[0xC0]);
         trial.live(100);
