@@ -130,9 +130,12 @@ fn an_open_or_exchanged_wire_of_the_bus_is_named_from_the_start_on_and_later() {
 /// High is at 5 V: the bus is always dominant.
 #[test]
 fn a_short_that_makes_the_bus_dominant_is_named_from_the_start_on_and_later() {
-    for (mut rig, line) in
-        [(Rig::powered(), "CAN H/L: never idle (128)"), (Rig::running(), "CAN H/L: error-passive")]
-    {
+    for (mut rig, before_ms, line) in [
+        (Rig::powered(), 0, "CAN H/L: never idle (128)"),
+        (Rig::running(), 0, "CAN H/L: never idle (128)"),
+        (Rig::running(), 1500, "CAN H/L: error-passive"),
+    ] {
+        rig.run_ms(before_ms);
         rig.bench.bus().inject(Fault::StuckDominant(true));
         rig.wait_for_line(line, 1000);
     }

@@ -25,6 +25,31 @@ After a fault the node does not flood the bus: it drops frames that it could not
 status has the current state.
 ";
 
+const DEAF: &str = "
+## When the node is deaf
+
+While the controller is configured or only listens, the node receives nothing. No frame and no error
+of others starts that while frames of the node's own rate pass, once its rate is proven: after 1.2 s
+on the bus, or after it has heard valid frames between errors (`PROOF` in
+`crates/mcp2515-ordered/src/driver.rs`). `of_the_commands_that_pass_in_a_fault_…` in
+`tests/boards/bus_faults.rs` goes through all faults of `sim --help faults`: of the commands that
+pass, the node follows at least 95 of 100, unless the fault cuts it off.
+
+| what | started by | deaf for | how often others can start it |
+| --- | --- | --- | --- |
+| start of the controller | a start of the program, a change of its registers | 5 to 6 ms | never |
+| new filters | a node ID, the first motor, the end of a failsafe in which nothing was received | 5 ms | once in each failsafe |
+| controller without an answer, bus held dominant | wires, power, a short circuit | until it is over, and 0.1 s | never |
+| listening before the rate is proven | an error in the first 1.2 s after a start or a pulled cable | in noise 0.5 s, at 5 frames a second 1.2 s; else 0.1 to 0.2 s after the last error | until the rate is proven |
+| listening after it is proven | error-passive, and no frame received for 1.5 s | the same | only who lets no frame pass for 1.5 s |
+| search with `CAN_BAUDRATE` 0 | a start | until the rate is found: `make test` allows 1 s | while it searches |
+| bootloader, before it sends | a restart into it | until a frame without an error; after errors it tries the next rate each second | with errors, all the time: an update waits until the noise is over |
+
+A rate of the bus that changes without a gap looks like noise: the node sends 100 to 3,100 error
+frames within 2.5 s, and then listens. Nodes of one wrong rate that have the bus to themselves for
+1.2 s prove their rate to each other: power them up beside the autopilot.
+";
+
 const SOAK: &str = "
 ## Long runs
 
@@ -123,6 +148,7 @@ pub fn page(measure: impl Fn(&Case) -> Measured) -> String {
             let _ = writeln!(page, "| {} |", row(case, Some(measure(case))).join(" | "));
         }
     }
+    page.push_str(DEAF);
     page.push_str(SOAK);
     page
 }
