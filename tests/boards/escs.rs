@@ -351,6 +351,15 @@ fn at_400_hz_a_pulse_has_a_command_of_the_last_3500_us_of_eight_motors_up_to_75_
     assert_fresh(&floods, 1000);
 }
 
+/// An autopilot has its own clock: here it is slower by a command in a second, so that each phase
+/// of a command and a pulse occurs.
+#[test]
+fn at_400_commands_a_second_a_pulse_has_the_last_command_but_for_a_millisecond() {
+    let floods = [(FOUR, 4), (EIGHT, 8)]
+        .map(|(setup, motors)| (setup, Traffic::Throttles(motors), Pace::Hz(399), Limit::Interval));
+    assert_fresh(&floods, 5000);
+}
+
 /// At half of a full bus no frame is lost at 400 Hz, whatever the transfers are, and each pulse of
 /// OneShot125 is inside its range.
 #[test]

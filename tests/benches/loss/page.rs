@@ -93,6 +93,7 @@ fn flood(scenario: Scenario) -> String {
     match scenario.pace {
         Pace::Full => {}
         Pace::Percent(percent) => name += &format!(", {percent} %"),
+        Pace::Hz(rate) => name += &format!(", {rate} Hz"),
         Pace::Bursts => name += ", bursts",
     }
     name

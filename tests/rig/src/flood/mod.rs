@@ -49,6 +49,8 @@ pub enum Pace {
     Full,
     /// With random gaps, so that the frames take this share of the time in percent.
     Percent(u64),
+    /// Commands at this rate a second, as an autopilot sends them. Other transfers are in between.
+    Hz(u64),
     /// Bursts of 1 to 40 frames between silences of up to 10 ms.
     Bursts,
 }
@@ -263,6 +265,14 @@ impl Flood {
                         let gap = 2 * frame * bit * (100 - percent) / percent;
                         frame * bit + flood.gaps.below(gap + 1)
                     });
+                }
+            }
+            Pace::Hz(rate) => {
+                while self.next_at < now + 2 * MS {
+                    let at = self.next_at;
+                    self.send(|_| 0);
+                    let is_command = self.sent.back().is_some_and(|sent| !sent.1.is_empty());
+                    self.next_at = if is_command { at + F_CPU_HZ / rate } else { at };
                 }
             }
             Pace::Bursts if now >= self.next_at && self.station.borrow().queued() == 0 => {
