@@ -210,7 +210,7 @@ const tests = {
     // A program that prints, without a bootloader, at the rate of the choice.
     const { page } = await open(t, ["--board", "uno", "--shield", "seeed", "--elf", elf("uno-seeed.elf")]);
     await page.click("#real-flash");
-    await says(page, /Something answers, but no bootloader.*"Another port".*reset button once.*programmer burns it/);
+    await says(page, /Something answers, but no bootloader at 19200, 57600 and 115200 baud.*"Another port".*reset button once.*programmer burns it/);
     assert.match(await page.locator("#real-status a").getAttribute("href"), /^https:\/\/docs\.arduino\.cc\//);
   },
 

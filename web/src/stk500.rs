@@ -18,6 +18,7 @@
 
 #![forbid(unsafe_code)]
 
+use std::collections::BTreeSet;
 use std::fmt;
 
 use bench::avr::Chip;
@@ -93,6 +94,17 @@ fn boards_with(chip: Chip) -> String {
     titles.join(", ")
 }
 
+/// Baud rates of the bootloaders of all boards, as in "19200, 57600 and 115200".
+fn baud_rates() -> String {
+    let rate = |name| boards::number(boards::entry("boards", name), "upload_baud");
+    let rates: BTreeSet<u32> = boards::names("boards").map(rate).collect();
+    let rates: Vec<String> = rates.iter().map(u32::to_string).collect();
+    match rates.split_last() {
+        Some((last, others @ [_, ..])) => format!("{} and {last}", others.join(", ")),
+        _ => rates.concat(),
+    }
+}
+
 /// Chip and boards of a signature, in words.
 pub fn describe_signature(signature: [u8; 3]) -> String {
     if let Some(chip) = Chip::ALL.into_iter().find(|chip| chip.signature() == signature) {
@@ -121,12 +133,14 @@ impl fmt::Display for Failure {
                  A Pro Mini or an adapter without DTR: press the reset button and choose Flash at \
                  the same moment. Wires at D0 and D1 have to be off.",
             ),
-            Failure::NoBootloader => f.write_str(
-                "Something answers, but no bootloader. Is it the board's port? Press \"Another \
-                 port\" if not. Else flash again, and press the board's reset button once as the \
-                 bar begins. Is it the Arduino that is chosen? At the baud rates of the others in \
-                 the list no bootloader answers, either. Else the board has none, and a \
-                 programmer burns it: https://docs.arduino.cc/built-in-examples/arduino-isp/",
+            Failure::NoBootloader => write!(
+                f,
+                "Something answers, but no bootloader at {} baud. Is it the board's port? Press \
+                 \"Another port\" if not. Else flash again, and press the board's reset button \
+                 once as the bar begins. Is it an Arduino of the list? Else the board has no \
+                 bootloader, and a programmer burns it: \
+                 https://docs.arduino.cc/built-in-examples/arduino-isp/",
+                baud_rates()
             ),
             Failure::OtherChip { signature, wanted } => write!(
                 f,
