@@ -409,12 +409,6 @@ impl Args {
             self.autopilot
         );
         ensure!(
-            self.servos.is_none_or(|servos| servos <= usual.servos),
-            "--servos: {} commands at most {}",
-            self.autopilot,
-            usual.servos
-        );
-        ensure!(
             self.get_parameter.is_none() || self.autopilot.reads_parameters(),
             "--get-parameter: {} reads none, use --autopilot ardupilot",
             self.autopilot
@@ -737,7 +731,6 @@ mod tests {
             ("sim --servos 4", "--autopilot ardupilot or px4"),
             ("sim --omit-disarmed", "--autopilot ardupilot or px4"),
             ("sim --autopilot px4 --get-parameter OUT1_MAX", "use --autopilot ardupilot"),
-            ("sim --autopilot px4 --servos 16", "PX4 commands at most 15"),
             ("sim --autopilot px4 --motors 13", "PX4 commands at most 12"),
             ("sim --autopilot px4 --command-type pwm", "--autopilot plain"),
             ("sim --autopilot px4 --actuator 15", "PX4 commands 0 to 14"),
