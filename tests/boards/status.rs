@@ -1,5 +1,9 @@
 //! The node's status follows the autopilot's, or comes each second without an autopilot.
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
+use bench::can::{Frame, SoftNode};
 use rig::status::{CONTROLLER, INITIALIZATION, OK, OPERATIONAL, WARNING};
 use rig::{MS, Rig, STATUS_OF_NODE, status_fields};
 
@@ -145,4 +149,30 @@ fn without_acknowledgement_the_node_is_error_passive_and_reports_it_later() {
     });
     let (_, health, _, vendor_code) = status_fields(&rig.statuses().last().unwrap().1);
     assert_eq!((health, vendor_code), (OK, 0));
+}
+
+/// In each hundred times that a frame takes, another node sends 99 of a higher priority, which the
+/// node's filters do not accept.
+#[test]
+fn the_first_status_after_a_start_passes_on_a_bus_with_99_percent_of_a_higher_priority() {
+    let frame = Frame::extended(0x0000_0A7F, &[0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0x55, 0xC0]);
+    for begin_ms in [0, 3, 7, 10] {
+        let mut rig = Rig::powered();
+        let flood = Rc::new(RefCell::new(SoftNode::new(rig.bench.bus().bit_rate())));
+        rig.bench.attach("flood", flood.clone());
+        // The length of a frame and its pause.
+        (0..2).for_each(|_| flood.borrow_mut().send(frame));
+        rig.run_ms(1);
+        let length = rig.traffic[1].0 - rig.traffic[0].0;
+        let begin = rig.now() + begin_ms * MS;
+        for n in 0..2000 * MS / length {
+            if n % 100 != 99 {
+                flood.borrow_mut().send_at(begin + n * length, frame);
+            }
+        }
+        rig.run_ms(1100);
+        let load = rig.traffic.len() as f64 * length as f64 / rig.now() as f64;
+        assert!(load > 0.95, "{load}");
+        assert!(!rig.statuses().is_empty(), "no status in {} ms", rig.now() / MS);
+    }
 }
