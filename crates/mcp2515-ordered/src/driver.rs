@@ -544,6 +544,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
 
     /// Does the next of the four parts of a supervision, each of which takes less time than to pass
     /// a frame to the chip.
+    #[inline(never)]
     fn supervise(&mut self) -> Option<Notice> {
         self.wait_ms = 0;
         self.part = self.part.wrapping_add(1);
@@ -609,6 +610,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     /// Notes what a chip that listens has heard since the last look. In this mode the chip stores
     /// frames with errors, too (DS20001801J 10.3). So none of them is received, and the reset
     /// discards them.
+    #[inline(never)]
     fn hear(&mut self) {
         let heard = self.chip.take_interrupts() & (MERRF | RX1IF | RX0IF);
         if heard >= MERRF {
@@ -621,6 +623,7 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     /// Puts a chip that listens on the bus again if it has heard a valid frame and no error in the
     /// last [`LISTENING_MS`], no error for a second, or both errors and valid frames three times.
     /// If it has heard errors only, it listens with the next timing, if there is one.
+    #[inline(never)]
     fn judge(&mut self) -> Option<Notice> {
         let is_disturbed = self.quiet == 0;
         self.quiet += 1;
