@@ -6,8 +6,10 @@
 use core::arch::{asm, global_asm};
 
 use firmware::handover::{CRC_START, REQUEST_LEN};
+use firmware::tables::condition::ResetCause;
 
 use crate::node_info;
+use crate::registers::idle::GPIOR0;
 use crate::registers::{EXTRF, MCUSR, WDCE, WDE, WDP2_WDP1, WDRF};
 use crate::variables::{ADDRESS, ADDRESS_IN_Y, REQUEST_END, RESTART_COUNT, request};
 use crate::{crc, image, serial};
@@ -35,6 +37,11 @@ global_asm!(
     stack = const ADDRESS - 1,
     y = const ADDRESS_IN_Y,
 );
+
+/// GPIOR0 as the program reads it (src/board/guard.rs): the loader restarted the chip at the end of
+/// an update or an upload, or the program hung.
+const RESTARTED_FOR_UPDATE: u8 = 0xA0 | ResetCause::ASKED_FOR.0;
+const HUNG: u8 = 0xA0 | ResetCause::WATCHDOG.0;
 
 /// Starts the program if it is to start. Returns true if the program has asked for an update, whose
 /// request is in its place.
@@ -68,6 +75,9 @@ pub fn decide() -> bool {
         return true;
     }
     if RESTART_COUNT.read() < RESTARTS_ALLOWED {
+        // After a reset by the watchdog no flag is left, and the program tells this cause: that of
+        // `restart` in src/board/guard.rs.
+        GPIOR0.write(if count == 0 { RESTARTED_FOR_UPDATE } else { HUNG });
         // SAFETY: the program is complete and for this board. It does not return, and sets up stack
         // and variables itself.
         unsafe { asm!("jmp 0", options(noreturn)) }

@@ -367,7 +367,7 @@ lines! {
         /// Reset cause.
         External = "reset pin",
         /// Reset cause.
-        AskedFor = "RestartNode",
+        AskedFor = "on request",
         /// Reset cause.
         Watchdog = "WATCHDOG",
         /// Reset cause.

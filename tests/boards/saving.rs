@@ -65,7 +65,7 @@ fn a_restart_requested_during_a_save_waits_for_its_end() {
         |number| answers.iter().find(|(_, other, _)| *other == number).map(|(_, _, answer)| answer);
     assert_eq!(of(save).and_then(is_saved), Some(true));
     assert!(of(restart).is_some());
-    rig.wait_for_line("reset: RestartNode", 200);
+    rig.wait_for_line("reset: on request", 200);
     rig.wait_until_up();
     assert_eq!(rig.get("OUT1_MIN"), 1100);
 }

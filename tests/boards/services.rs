@@ -385,7 +385,7 @@ fn a_restart_on_a_full_bus_comes_after_its_answer() {
     rig.wait_for("the answer", 1000, |rig| !rig.frames(0x1E05_7FF8).is_empty());
     assert_eq!(rig.frames(0x1E05_7FF8)[0].1, [0x80, 0xC6]);
     assert!(ms_between(asked, rig.now()) > 450.0, "the bus was not full");
-    rig.wait_for_line("reset: RestartNode", 300);
+    rig.wait_for_line("reset: on request", 300);
 }
 
 /// Before the restart the servo moves to OUT1_FS, and every pulse is complete.

@@ -7,7 +7,7 @@ use crate::support::update_bench::*;
 use bench::avr::{Firmware, ResetCause};
 use bench::bootloader;
 use bench::dronecan::{Message, NumberAndText};
-use rig::{ARMING_STATUS, NOT_ARMED, PWM, Program, Rig, started_with};
+use rig::{ARMING_STATUS, NOT_ARMED, PWM, Program, Rig, has_all_features, started_with};
 
 #[test]
 fn a_board_without_a_program_waits_in_the_bootloader_and_answers_get_node_info() {
@@ -30,6 +30,10 @@ fn the_bootloader_writes_a_file_from_a_server_and_starts_it() {
     bench.wait_for_program(10_000);
     let file = file();
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+    let text = bench.bench.board(0).avr_mut().serial_take();
+    let text: String = text.into_iter().map(|(_, byte)| char::from(byte)).collect();
+    // The preset for updates of an ATmega168 has no serial monitor.
+    assert!(text.contains("reset: on request") || !has_all_features(), "{text}");
 }
 
 /// The file fills the flash of an ATmega168, or is the longer program of an ATmega328P. Page writes
