@@ -21,7 +21,7 @@ use rig::parallel;
 const MINUTES: f64 = 10.0;
 
 /// The floods of a program: of each kind from one sender below the node's priority, and mixed ones
-/// from two senders, above it, and in bursts.
+/// from two senders, above it, in bursts, and on a disturbed bus.
 fn floods(setup: Setup) -> Vec<Scenario> {
     let mut all: Vec<Scenario> =
         Traffic::all(setup).into_iter().map(|traffic| Scenario::full(setup, traffic)).collect();
@@ -29,6 +29,8 @@ fn floods(setup: Setup) -> Vec<Scenario> {
     all.push(Scenario { senders: 2, seed: 2, ..mixed });
     all.push(Scenario { priority: 0, seed: 3, ..mixed });
     all.push(Scenario { pace: Pace::Bursts, seed: 4, ..mixed });
+    all.push(Scenario { noise_per_million: 1000, seed: 5, ..mixed });
+    all.push(Scenario { noise_per_million: 10_000, seed: 6, ..mixed });
     all
 }
 

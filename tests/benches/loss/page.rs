@@ -96,6 +96,9 @@ fn flood(scenario: Scenario) -> String {
         Pace::Hz(rate) => name += &format!(", {rate} Hz"),
         Pace::Bursts => name += ", bursts",
     }
+    if scenario.noise_per_million != 0 {
+        let _ = write!(name, ", 1 bit in {} inverted", 1_000_000 / scenario.noise_per_million);
+    }
     name
 }
 

@@ -18,7 +18,7 @@ use std::cell::RefCell;
 use std::collections::VecDeque;
 use std::rc::Rc;
 
-use bench::can::{Id, OnWire, SoftNode};
+use bench::can::{Fault, Id, OnWire, SoftNode};
 use bench::dronecan::Message;
 use bench::{Cycles, F_CPU_HZ, Noise};
 
@@ -65,6 +65,8 @@ pub struct Scenario {
     /// Priority in v0: 0 wins every arbitration against the node, 31 loses every one.
     pub priority: u8,
     pub pace: Pace,
+    /// Bits on the bus that are inverted, in a million.
+    pub noise_per_million: u32,
     /// Also measures the service of each frame, which takes half as long again.
     pub measures_service: bool,
     /// Also finds the turns in which the queue becomes full, which takes several times as long.
@@ -81,6 +83,7 @@ impl Scenario {
             senders: 1,
             priority: 31,
             pace: Pace::Full,
+            noise_per_million: 0,
             measures_service: false,
             explains: false,
             seed: 1,
@@ -167,7 +170,9 @@ impl Flood {
     #[track_caller]
     pub fn with_rig(scenario: Scenario, mut rig: Rig) -> Flood {
         rig.overflows_expected = true;
-        let Scenario { setup, traffic, senders, priority, seed, .. } = scenario;
+        let Scenario { setup, traffic, senders, priority, seed, noise_per_million, .. } = scenario;
+        let noise = Fault::BitErrorRate { per_million: noise_per_million, seed };
+        rig.bench.bus().inject(noise);
         let station = Rc::new(RefCell::new(SoftNode::new(rig.bench.bus().bit_rate())));
         rig.bench.attach("flood", station.clone());
         let queue = Queue::of(rig.board().avr());
