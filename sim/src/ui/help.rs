@@ -118,6 +118,7 @@ const TOPICS: &[Topic] = &[
         options: &[
             "slcan",
             "serial",
+            "serial_any_baud",
             "bootloader",
             "no_program",
             "mcast",
