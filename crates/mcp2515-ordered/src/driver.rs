@@ -577,15 +577,17 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
         self.wait_ms = SUPERVISION_MS;
         self.check_waiting();
         self.quiet = self.quiet.wrapping_add(1);
-        if self.bus_rate == BusRate::Unknown && self.chip.read(TXB2CTRL) & (MLOA | TXERR) == MLOA {
-            // It lost against a frame, of which the chip has noticed no error.
-            self.bus_rate = BusRate::Same;
-        }
         if self.bus_rate == BusRate::Same && self.proof < PROOF {
             self.proof += 1;
         }
         self.tx_checks += 1;
         if self.tx_checks != TX_TIMEOUT_CHECKS {
+            if self.bus_rate == BusRate::Unknown
+                && self.chip.read(TXB2CTRL) & (MLOA | TXERR) == MLOA
+            {
+                // It lost against a frame, of which the chip has noticed no error.
+                self.bus_rate = BusRate::Same;
+            }
             self.write_canctrl();
             return None;
         }
