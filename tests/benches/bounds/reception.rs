@@ -141,7 +141,7 @@ one. A node with one output has one buffer for SafetyState, ArmingStatus and Ser
 have 2 bytes, and for other messages of one frame, and two buffers for commands, 5 bytes or more,
 and requests, 1 or more. With several outputs each frame has two buffers. No frame of a transfer is
 shorter than a byte. `make test` fails if a proved margin of a node with one output is less than 10
-cycles, or with several for frames of 2 bytes or more.
+cycles, or with several for frames of 5 bytes or more.
 
 *Only tested*: the calculation does not prove it, and the number is the margin that the floods have
 left. In brackets is what the calculation has: the missing cycles, or why a backlog can grow.
