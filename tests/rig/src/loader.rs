@@ -14,8 +14,8 @@ use bounds::annotations::Annotations;
 use bounds::chip::Chip;
 use bounds::report::{Report, Scope};
 
-use crate::MS;
 use crate::observed::{Observed, Observer, Pair};
+use crate::{MS, started_with};
 
 /// Hardware version and length in the header of a program (docs/update.md).
 const HARDWARE: usize = 0x68;
@@ -68,6 +68,9 @@ fn board(wiring: &Wiring, program: &[u8]) -> Board {
     let loader = loader.unwrap_or_else(|error| panic!("{error:#}"));
     let mut avr = Avr::programmed(wiring.chip, &loader).unwrap_or_else(|error| panic!("{error:#}"));
     avr.load_flash(0, program);
+    // Without a unique ID the loader makes one first.
+    let elf = firmware_for(&wiring.board, &wiring.shield, &preset(wiring.chip));
+    avr.set_eeprom(started_with(&elf.unwrap_or_else(|error| panic!("{error:#}"))));
     avr.set_reset_vector(loader.flash[0].0 as u32);
     avr.reset(ResetCause::PowerOn);
     Board::wired(avr, wiring).unwrap_or_else(|error| panic!("{error:#}"))
