@@ -278,12 +278,10 @@ impl Program {
         }
         if board.received_byte() == Some(b'?') {
             node.report(monitor);
-        } else if board.can_send_byte() && node.takes_character() {
-            node.begin_log_message(board.now_ms(), monitor);
+        } else if board.can_send_byte() && node.takes_character(board.now_ms()) {
             let character = monitor.next_byte(B::FLASH);
-            if !node.keep_character(character) {
-                board.send_byte(character);
-            }
+            board.send_byte(character);
+            node.keep_character(character, monitor.line(), board.now_ms());
         }
     }
 }

@@ -89,8 +89,7 @@ impl Rig {
 
     /// The current health.
     fn level(&self) -> u8 {
-        health::Health::level(
-            self.code(),
+        self.program.node.health().level(
             &self.program.node.parameters,
             self.program.node.control.outputs.excused(self.now_ms()),
         ) as u8

@@ -1,7 +1,6 @@
 //! No debug.LogMessage.
 
-use crate::monitor::Change;
-use crate::tables::condition::Conditions;
+use crate::monitor::Line;
 
 /// False.
 pub const IS_THERE: bool = false;
@@ -16,26 +15,19 @@ impl Log {
         Self
     }
 
-    /// `None`.
-    pub fn begin(&mut self, _now: Conditions, _now_ms: u16) -> Option<Change> {
-        None
+    /// True.
+    pub fn has_room(&self, _now_ms: u16) -> bool {
+        true
     }
 
-    /// False.
-    pub fn push(&mut self, _character: u8) -> bool {
-        false
-    }
+    /// Does nothing.
+    pub fn push(&mut self, _character: u8, _line: Line, _now_ms: u16) {}
 
     /// False.
-    pub fn is_due(&self) -> bool {
-        false
-    }
-
-    /// False.
-    pub fn take(&mut self, _now: Conditions, _now_ms: u16, _put: impl FnMut(u8)) -> bool {
+    pub fn is_due(&self, _now_ms: u16) -> bool {
         false
     }
 
     /// Does nothing.
-    pub fn tell_again(&mut self, _conditions: Conditions) {}
+    pub fn take(&mut self, _now_ms: u16, _put: impl FnMut(u8)) {}
 }
