@@ -135,7 +135,7 @@ fn invalid_files_are_rejected_and_the_next_valid_one_is_written() {
         });
     }
     assert_eq!(bench.begin_update("missing"), OK);
-    bench.run_ms(1000);
+    bench.run_ms(2000);
     assert_eq!(bench.begin_update("fw.bin"), OK);
     bench.wait_for_program(10_000);
 }
