@@ -14,7 +14,7 @@ const WINDOW: Cycles = F_CPU_HZ / 10;
 const SAME_WITHIN: f64 = 0.02;
 /// The same of the share of bursts, which differs from window to window.
 const SAME_SHARE_WITHIN: f64 = 0.5;
-/// A period that is so many times as long as the median is a gap between bursts.
+/// A period of at least this many medians is a gap between bursts.
 const GAP: Cycles = 4;
 
 /// The state of a watched pin, as it was shown last.

@@ -64,8 +64,9 @@ const QUIET: u8 = (1020 / LISTENING_MS as u16) as u8;
 /// another rate would have made the chip error-passive.
 const PROOF: u8 = 120;
 
-/// What each [`LISTENING_MS`] with a valid frame adds to the proof. Nodes of one wrong rate do not
-/// prove it to each other: all of them listen soon after the first frame of the others.
+/// What each [`LISTENING_MS`] with both a valid frame and an error adds to the proof. Nodes of one
+/// wrong rate do not prove it to each other: all of them listen soon after the first frames of the
+/// others.
 const PROOF_OF_FRAME: u8 = 20;
 
 /// The number of [`LISTENING_MS`] with errors only after which a chip that listens reports that the
@@ -599,8 +600,8 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
         Some(Notice { event: Event::GaveUpSending, value: 0 })
     }
 
-    /// Takes the chip off the bus, on which it is again when it has heard that its bit rate is the
-    /// right one. `proof` is 0, or [`REPORT`] if nothing is to be reported.
+    /// Takes the chip off the bus until [`judge`](Self::judge) puts it back. `proof` is 0, or
+    /// [`REPORT`] if nothing is to be reported.
     #[inline(never)]
     fn listen(&mut self, proof: u8) {
         self.bus_rate = BusRate::Another;
@@ -623,8 +624,8 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     }
 
     /// Puts a chip that listens on the bus again if it has heard a valid frame and no error in the
-    /// last [`LISTENING_MS`], no error for a second, or both errors and valid frames three times.
-    /// If it has heard errors only, it listens with the next timing, if there is one.
+    /// last [`LISTENING_MS`], no error for a second, or valid frames and errors in six of these
+    /// times. If it has heard errors only, it listens with the next timing, if there is one.
     #[inline(never)]
     fn judge(&mut self) -> Option<Notice> {
         let is_disturbed = self.quiet == 0;

@@ -38,7 +38,7 @@ const LAG_MAX: Duration = Duration::from_millis(250);
 /// real time, and a client's short delay is a long one in simulated time. It must stay below the 50
 /// ms that a node waits for the next frame of a list.
 const LAG_MAX_WITH_CLIENTS: Duration = Duration::from_millis(20);
-/// Simulated time passes so many times slower while a client has a limited time to answer.
+/// Factor by which simulated time slows down while a client has a limited time to answer.
 const TIME_FOR_CLIENTS: u32 = 10;
 /// Shortest and longest slice in simulated time.
 const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
