@@ -70,7 +70,7 @@ export function whyNoPorts(): string | null {
   if (!window.isSecureContext) {
     return "Browsers give ports only to pages from https or from localhost. Open this page by https, or serve it on this machine: make web.";
   }
-  return "This browser has no serial ports: it lacks the interface Web Serial (navigator.serial). Chrome, Edge and Opera on a computer have it, and the newest Firefox.";
+  return "This browser has no serial ports: it lacks the interface Web Serial (navigator.serial). Open the page in one that has it: caniuse.com/web-serial lists them.";
 }
 
 const known = new WeakMap<NativePort, Port>();
