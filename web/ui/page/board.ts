@@ -1,50 +1,52 @@
-// The board of the user's own program: chip, board, CAN board, CS, INT, crystal and bit rate. What
-// is not chosen is as the file says, or as the choice before implies.
+// The simulated board's sensor, light, button and supply.
 
-import { byId, make } from "./dom";
+import { byId, onClick, setPressed, setText } from "./dom";
+import type { Snapshot } from "./types";
+import type { World } from "./world";
 
-/** Values and titles of each choice, from `choices` of web/src/api.rs. */
-export type Choices = Record<string, [string, string][]>;
+export class BoardView {
+  private readonly temperature = byId<HTMLInputElement>("temperature");
+  private readonly brightness = byId<HTMLInputElement>("brightness");
 
-const LABELS: Record<string, string> = {
-  mcu: "Chip",
-  board: "Board",
-  shield: "CAN board",
-  cs: "CS",
-  int: "INT",
-  crystal: "Crystal",
-  bit_rate: "Bit rate",
-};
-
-export class OwnBoard {
-  private readonly selects = new Map<string, HTMLSelectElement>();
-  private readonly element = byId("own");
-
-  constructor(choices: Choices, changed: () => void) {
-    for (const [name, label] of Object.entries(LABELS)) {
-      const options = choices[name].map(([value, title]) => new Option(title, value));
-      const select = make("select", { id: `own-${name}` }, new Option("as the file", ""), ...options);
-      select.addEventListener("change", changed);
-      this.selects.set(name, select);
-      this.element.append(make("label", {}, `${label} `, select));
-    }
+  constructor(private readonly world: World) {
+    const { temperature, brightness } = this;
+    temperature.addEventListener("input", () => world.simulation.set_temperature(Number(temperature.value)));
+    brightness.addEventListener("input", () => world.simulation.set_light(Number(brightness.value)));
+    onClick("reset", () => world.simulation.inject("reset"));
+    this.listenToButton();
   }
 
-  /** Shows the choices in `wiring`, a JSON object; hides them for null. */
-  show(wiring: string | null) {
-    this.element.hidden = wiring === null;
-    const chosen = JSON.parse(wiring || "{}") as Record<string, string>;
-    this.selects.forEach((select, name) => (select.value = chosen[name] ?? ""));
+  begin(snapshot: Snapshot) {
+    this.temperature.value = "20";
+    this.brightness.value = "0";
+    setText(byId("wiring"), snapshot.board);
+    byId("button").hidden = !snapshot.has_button;
+    byId("light-box").hidden = !snapshot.has_light;
   }
 
-  /** Asks for a choice. */
-  ask() {
-    this.selects.get("mcu")?.focus();
+  show({ sensor_c, light }: Snapshot) {
+    setText(byId("sensor"), `${sensor_c.toFixed(1)} °C`);
+    this.temperature.setAttribute("aria-valuetext", `${sensor_c.toFixed(1)} °C`);
+    byId("light").style.setProperty("--duty", String(light));
+    setText(byId("light-text"), `${Math.round(light * 100)} %`);
   }
 
-  /** The choices as a JSON object. */
-  wiring() {
-    const chosen = [...this.selects].filter(([, select]) => select.value !== "");
-    return JSON.stringify(Object.fromEntries(chosen.map(([name, { value }]) => [name, value])));
+  private listenToButton() {
+    const button = byId("button");
+    const press = (pressed: boolean) => () => {
+      setPressed(button, pressed);
+      this.world.simulation.press_button(pressed);
+    };
+    const byKey = (act: () => void) => (event: KeyboardEvent) => {
+      if (event.key === " " || event.key === "Enter") {
+        act();
+      }
+    };
+    button.addEventListener("pointerdown", press(true));
+    button.addEventListener("pointerup", press(false));
+    button.addEventListener("pointerleave", press(false));
+    button.addEventListener("keydown", byKey(press(true)));
+    button.addEventListener("keyup", byKey(press(false)));
+    button.addEventListener("blur", press(false));
   }
 }

@@ -9,6 +9,11 @@ export function byId<T extends HTMLElement = HTMLElement>(id: string): T {
   return element as T;
 }
 
+/** Calls `act` when the element with this ID is clicked. */
+export function onClick(id: string, act: () => void) {
+  byId(id).addEventListener("click", act);
+}
+
 export function setText(element: HTMLElement, text: string) {
   if (element.textContent !== text) {
     element.textContent = text;

@@ -1,0 +1,115 @@
+// What the simulated board runs: a program of the page, a file of the user, or what a link says.
+
+import { byId } from "./dom";
+import { keep } from "./eeprom";
+import { type Link, fromHash } from "./link";
+import { OwnBoard, type Choices } from "./own-board";
+import { type Choice, PROGRAMS } from "./programs";
+import type { World } from "./world";
+
+/** The first letter of a script: a time in brackets, or a comment. A program begins otherwise. */
+const SCRIPT = /^\s*[(#]/;
+
+/** What the view does with the choice. */
+export interface Runner extends World {
+  /** Starts a program. */
+  load(choice: Choice): void;
+  /** Starts what a link says. */
+  restore(choice: Choice, link: Link): void;
+  play(name: string, script: Uint8Array): void;
+  /** Pattern of the autopilot for the next program. */
+  readonly pattern: string;
+}
+
+export class ProgramChoice {
+  private readonly select = byId<HTMLSelectElement>("program");
+  private readonly ownBoard: OwnBoard;
+  /** The file that the user opened last. */
+  private own: Choice | null = null;
+  /** A link whose program the user has to choose. */
+  private waitingLink: Link | null = null;
+
+  constructor(
+    private readonly runner: Runner,
+    choices: Choices,
+  ) {
+    this.select.append(...PROGRAMS.map(({ name }) => new Option(name)));
+    this.select.addEventListener("change", () => runner.load(PROGRAMS[this.select.selectedIndex]));
+    const input = byId<HTMLInputElement>("file");
+    input.addEventListener("change", () => {
+      void this.open(input.files?.[0]);
+      input.value = "";
+    });
+    this.ownBoard = new OwnBoard(choices, () => {
+      if (this.own) {
+        this.own = { ...this.own, wiring: this.ownBoard.wiring() };
+        runner.load(this.own);
+      }
+    });
+    window.addEventListener("hashchange", () => this.openLink());
+  }
+
+  /** The list names the program that runs, also one from a file. */
+  show(current: Choice) {
+    const { select } = this;
+    const index = PROGRAMS.findIndex(({ name }) => name === current.name);
+    while (select.options.length > PROGRAMS.length) {
+      select.options[PROGRAMS.length].remove();
+    }
+    if (index < 0) {
+      select.append(new Option(current.name));
+    }
+    select.selectedIndex = index < 0 ? PROGRAMS.length : index;
+    this.ownBoard.show(current.wiring ?? null);
+  }
+
+  /** A HEX file does not say its chip. */
+  askForChip(choice: Choice) {
+    this.runner.notice(`${choice.name} does not say for which chip it is: choose chip or board.`, false);
+    this.ownBoard.show(choice.wiring ?? "");
+    this.ownBoard.ask();
+  }
+
+  /** Opens a file of the user: a program, or a script. */
+  async open(file: File | undefined) {
+    if (!file) {
+      return;
+    }
+    if (file.name.endsWith(".ino")) {
+      this.runner.notice(`${file.name} is the text of a sketch. The Arduino IDE makes the program of it: Sketch > Export compiled binary. Open the ELF or the HEX file that is beside it then.`);
+      return;
+    }
+    const bytes = new Uint8Array(await file.arrayBuffer());
+    if (SCRIPT.test(new TextDecoder().decode(bytes.slice(0, 1000)))) {
+      this.runner.play(file.name, bytes);
+    } else if (this.waitingLink?.program === file.name) {
+      this.loadLink(this.waitingLink, bytes);
+    } else {
+      this.own = { name: file.name, bytes, autopilot: this.runner.pattern, wiring: "" };
+      this.runner.load(this.own);
+    }
+  }
+
+  /** Loads what the address has. */
+  openLink() {
+    const link = fromHash(location.hash);
+    const program = PROGRAMS.find(({ name }) => name === link?.program);
+    if (link && program) {
+      this.loadLink(link, program.bytes);
+    } else if (link) {
+      this.waitingLink = link;
+      this.runner.notice(`This link is for the program ${link.program}: choose the file, with "Own ELF or HEX".`, false);
+    }
+  }
+
+  private loadLink(link: Link, bytes: Uint8Array) {
+    // The user's own EEPROM of the program stays.
+    const keptAs = "a link";
+    keep(keptAs, link.eeprom);
+    const { program: name, pattern: autopilot, wiring } = link;
+    const isOwn = !PROGRAMS.some((program) => program.name === name);
+    const choice = { name, bytes, autopilot, keptAs, wiring: isOwn ? wiring : undefined };
+    this.own = isOwn ? choice : null;
+    this.runner.restore(choice, link);
+  }
+}
