@@ -2,7 +2,7 @@
 //! each instruction.
 
 use std::cell::RefCell;
-use std::collections::BTreeSet;
+use std::collections::{BTreeMap, BTreeSet};
 use std::rc::Rc;
 
 use bench::avr::Chip;
@@ -15,14 +15,14 @@ const BIT_RATE: u32 = 1_000_000;
 const MS: Cycles = 16_000;
 /// Byte address of the vector of INT0.
 const INT0: u32 = 4;
-/// Time between two edges: a handler without a frame takes 60 cycles. A prime, so that in time the
-/// edges come at each instruction.
-const BETWEEN: Cycles = 211;
+/// Data address of SREG, and its flag I.
+const SREG: u32 = 0x5F;
+const I: u8 = 0x80;
 /// Time between two bursts of frames.
 const SCHEDULE: Cycles = 100 * MS;
 
-/// Falling edges of INT come beside those of the MCP2515, so that the handler runs between any two
-/// instructions of the main loop that do not exclude it.
+/// Falling edges of INT come beside those of the MCP2515, until the handler has run before each
+/// instruction of the main loop that does not exclude it. It runs an instruction after the edge.
 fn assert_works_with_an_interrupt_at_each_instruction(board: &str, chip: Chip) {
     let wiring = Wiring { chip, crystal_mhz: 16, ..Wiring::of(board, "module").unwrap() };
     let elf = target_dir().join(format!("own-node/{board}.elf"));
@@ -33,7 +33,11 @@ fn assert_works_with_an_interrupt_at_each_instruction(board: &str, chip: Chip) {
     bench.run_for_ms(20);
 
     let start = bench.now();
-    let (mut places, mut before) = (BTreeSet::new(), 0);
+    // What has followed each instruction, and the instructions before which the handler has run.
+    let mut followers = BTreeMap::<u32, BTreeSet<u32>>::new();
+    let mut interrupted = BTreeSet::new();
+    let chip = bench.board(0).avr_mut().debugger();
+    let (mut before, mut enabled_at) = (bench.board(0).avr().now(), None);
     for number in 0..4 {
         let at = start + number * SCHEDULE;
         let value = [0x38, 0x34, 0xB8, 0xB4][number as usize % 4];
@@ -42,34 +46,50 @@ fn assert_works_with_an_interrupt_at_each_instruction(board: &str, chip: Chip) {
         peer.send_at(at, Frame::extended(0x1003_F20A, &[2, 0, 0, 0x3C, 0xC0 | number as u8]));
         let tail = 0xC0 | (16 + number as u8);
         peer.send_at(at, Frame::extended(0x1003_F20A, &[1, 0, 0, value, tail]));
+        // A request, whose response is sent meanwhile.
+        peer.send_at(at, Frame::extended(0x1E01_AA8A, &[0xC0 | number as u8]));
     }
-    // A request, whose response is sent meanwhile.
-    peer.borrow_mut().send_at(start, Frame::extended(0x1E01_AA8A, &[0xC0]));
     let mut pulses = vec![];
     while bench.now() < start + 4 * SCHEDULE {
-        if bench.now().is_multiple_of(BETWEEN) {
-            let board = bench.board(0);
+        let next = bench.now() + 1;
+        bench.run_until(next);
+        let board = bench.board(0);
+        pulses.extend(board.take_servo_pulses());
+        let avr = board.avr();
+        if avr.now() == before {
+            continue;
+        }
+        before = avr.now();
+        let is_enabled = chip.data(SREG).unwrap() & I != 0;
+        let mut pc = avr.pc();
+        if pc == INT0 {
+            let [high, low] = [1, 2].map(|offset| avr.sram(avr.sp() + offset));
+            pc = u32::from(u16::from_be_bytes([high, low])) * 2;
+            interrupted.insert(pc);
+        }
+        if let Some(previous) = enabled_at
+            && (is_enabled || avr.pc() == INT0)
+        {
+            followers.entry(previous).or_default().insert(pc);
+        }
+        enabled_at = is_enabled.then_some(pc);
+        let are_done = |all: &BTreeSet<_>| all.is_subset(&interrupted);
+        if is_enabled && !followers.get(&pc).is_some_and(are_done) {
             let level = board.chip().borrow().int_pin();
             board.set_stuck_int(Some(!level));
             board.set_stuck_int(None);
         }
-        let next = bench.now() + 1;
-        bench.run_until(next);
-        let board = bench.board(0);
-        let pc = board.avr().pc();
-        if pc == INT0 && before != INT0 {
-            places.insert(before);
-        }
-        before = pc;
-        pulses.extend(board.take_servo_pulses());
     }
 
-    assert!(places.len() > 1000, "{} places", places.len());
+    let possible: BTreeSet<_> = followers.into_values().flatten().collect();
+    let missing: Vec<_> = possible.difference(&interrupted).map(|pc| format!("{pc:#x}")).collect();
+    assert!(missing.is_empty(), "of {} instructions no interrupt at {missing:?}", possible.len());
+    assert!(possible.len() > 1500, "{} instructions", possible.len());
     assert_eq!(bench.board(0).chip().borrow().rx_overflows(), 0);
     assert!(bench.board(0).take_violations().is_empty());
     let received = peer.borrow_mut().take_received();
     let answers = received.iter().filter(|(_, frame)| frame.id == Id::Extended(0x1E01_0AAA));
-    assert_eq!(answers.count(), 9);
+    assert_eq!(answers.count(), 4 * 9);
     let mut widths: Vec<_> = pulses.iter().map(|pulse| pulse.width_cycles / 16).collect();
     widths.dedup();
     let expected = [1750, 1625, 1250, 1375];
