@@ -58,6 +58,10 @@ pub enum Mode {
 #[derive(Debug)]
 pub struct Mcp2515 {
     osc_hz: u32,
+    /// Deviation of the oscillator, in parts per million.
+    osc_ppm: i32,
+    /// Time that the oscillator needs to become stable.
+    settling: Cycles,
     /// CNF1 to CNF3 at the last bit, and the length of a bit with them, which the bus asks for at
     /// each.
     bit_ps: Cell<([u8; 3], u64)>,
@@ -74,6 +78,8 @@ pub struct Mcp2515 {
     waking_until: Option<Cycles>,
     /// SPI instructions before this time are ignored.
     deaf_until: Cycles,
+    /// End of the time in which the oscillator is not stable, of which no driver can know.
+    settled_at: Cycles,
     /// True if a fault holds it in configuration mode.
     is_held: bool,
     /// True if the bit timing was checked since configuration mode was entered.
@@ -99,6 +105,8 @@ impl Mcp2515 {
     pub fn new(osc_hz: u32) -> Mcp2515 {
         let mut chip = Mcp2515 {
             osc_hz,
+            osc_ppm: 0,
+            settling: 0,
             bit_ps: Cell::default(),
             registers: std::array::from_fn(|address| registers::power_up_noise(address as u8)),
             spi: spi::Spi::default(),
@@ -109,6 +117,7 @@ impl Mcp2515 {
             joining: None,
             waking_until: None,
             deaf_until: 0,
+            settled_at: 0,
             is_held: false,
             is_timing_checked: false,
             tx: Default::default(),
@@ -125,10 +134,20 @@ impl Mcp2515 {
         chip
     }
 
+    /// Sets the deviation of a crystal in parts per million, and the time that it needs to become
+    /// stable after power-up and sleep. For a chip that has just been made.
+    pub fn set_oscillator(&mut self, ppm: i32, settling: Cycles) {
+        self.osc_ppm = ppm;
+        self.settling = settling;
+        self.hardware_reset(0);
+    }
+
     /// Pulses the RESET pin low, or connects the power: registers get their reset values, and the
     /// start-up time begins.
     pub fn hardware_reset(&mut self, at: Cycles) {
         self.reset(at);
+        self.settled_at = at + self.settling;
+        self.deaf_until += self.settling;
         // The rest of an instruction that the reset ended is none.
         self.spi = spi::Spi::default();
     }

@@ -249,7 +249,7 @@ impl Mcp2515 {
         let enabled = self.registers[usize::from(registers::CANINTE)] & int::WAK != 0;
         if enabled && self.waking_until.is_none() {
             self.raise(int::WAK);
-            self.waking_until = Some(at + self.start_up_cycles());
+            self.waking_until = Some(at + self.settling + self.start_up_cycles());
         }
     }
 
@@ -257,7 +257,7 @@ impl Mcp2515 {
     pub(super) fn wake_by_driver(&mut self, at: Cycles) {
         let enabled = self.registers[usize::from(registers::CANINTE)] & int::WAK != 0;
         if self.mode == Mode::Sleep && enabled && self.waking_until.is_none() {
-            let until = at + self.start_up_cycles();
+            let until = at + self.settling + self.start_up_cycles();
             self.waking_until = Some(until);
             self.deaf_until = until;
         }

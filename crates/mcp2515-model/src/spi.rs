@@ -198,6 +198,10 @@ impl Mcp2515 {
     }
 
     fn begin(&mut self, instruction: u8, at: Cycles) {
+        if at < self.settled_at {
+            self.spi.state = State::Ignore;
+            return;
+        }
         if at < self.deaf_until {
             self.violation(
                 at,

@@ -108,7 +108,9 @@ impl Station for Mcp2515 {
         (!off).then(|| {
             let cnf = self.cnf();
             if self.bit_ps.get().0 != cnf || self.bit_ps.get().1 == 0 {
-                self.bit_ps.set((cnf, self.bit_timing().bit_time_ps(self.osc_hz)));
+                let nominal = self.bit_timing().bit_time_ps(self.osc_hz);
+                let rate = 1_000_000_u64.saturating_add_signed(self.osc_ppm.into());
+                self.bit_ps.set((cnf, nominal * 1_000_000 / rate));
             }
             self.bit_ps.get().1
         })

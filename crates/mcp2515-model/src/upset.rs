@@ -32,6 +32,7 @@ impl Mcp2515 {
     pub fn brown_out(&mut self, seed: u64, at: Cycles) {
         self.reset(at);
         self.deaf_until = at;
+        self.settled_at = at;
         let mut garbage = Noise::new(seed);
         for address in 0..registers::SIZE as u8 {
             let byte = garbage.next_u64() as u8 & registers::writable(address);
@@ -56,6 +57,7 @@ impl Mcp2515 {
         *canctrl = *canctrl & !canctrl::REQOP | Mode::Sleep.code() << 5;
         self.waking_until = None;
         self.deaf_until = at;
+        self.settled_at = at;
         self.force_mode(Mode::Sleep);
     }
 

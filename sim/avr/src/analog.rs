@@ -8,6 +8,7 @@
 
 use super::chip::Chip;
 use super::regs::{DDRD, OCR2A, OCR2B, RAMSTART, TCCR2A, TCCR2B};
+use super::silicon::Silicon;
 use sim_base::{Cycles, Noise};
 
 /// > 2K (2048) cycles (table 11-2), of 125 CPU cycles each.
@@ -22,16 +23,26 @@ const JITTER_CYCLES: u64 = 25;
 #[derive(Debug)]
 pub struct WatchdogOscillator {
     noise: Noise,
+    /// Length of a time-out in CPU cycles, in millionths of the nominal one.
     per_million: u64,
+    /// The same by the seed alone.
+    by_seed: u64,
 }
 
 impl WatchdogOscillator {
     /// The oscillator of a chip with this seed.
     pub fn new(seed: u64) -> WatchdogOscillator {
         let mut noise = Noise::new(seed);
-        let per_million =
+        let by_seed =
             1_000_000 - TOLERANCE_PER_MILLION + noise.below(2 * TOLERANCE_PER_MILLION + 1);
-        WatchdogOscillator { noise, per_million }
+        WatchdogOscillator { noise, per_million: by_seed, by_seed }
+    }
+
+    /// Sets the values of the chip.
+    pub fn tune(&mut self, silicon: &Silicon) {
+        let chosen =
+            silicon.watchdog_ppm.map(|ppm| 1_000_000_u64.saturating_add_signed(ppm.into()));
+        self.per_million = silicon.cycle_at(chosen.unwrap_or(self.by_seed));
     }
 
     /// Length of the next time-out in CPU cycles, with `control` in WDTCSR.

@@ -4,6 +4,7 @@
 //! A model gets `&Base` and does not use the machine, which owns both.
 
 use std::cell::{Cell, RefCell};
+use std::rc::Rc;
 
 use anyhow::Result;
 
@@ -11,6 +12,7 @@ use super::chip::Chip;
 use super::core::{Core, Engine};
 use super::processor::Violation;
 use super::regs;
+use super::silicon::Silicon;
 use super::unmodelled::Unmodelled;
 use sim_base::Cycles;
 use sim_base::Noise;
@@ -113,6 +115,7 @@ pub(super) trait Peripheral {
 /// The core, the time, timers and violations of a chip.
 pub(super) struct Base {
     pub core: Core,
+    pub silicon: Rc<Cell<Silicon>>,
     /// Time of the last reset. simavr counts from 0 after each reset.
     last_reset: Cell<Cycles>,
     violations: RefCell<Vec<Violation>>,
@@ -125,6 +128,7 @@ impl Base {
     pub fn new(engine: Engine, chip: Chip) -> Result<Base> {
         Ok(Base {
             core: Core::new(engine, chip)?,
+            silicon: Rc::default(),
             last_reset: Cell::new(0),
             violations: RefCell::default(),
             unmodelled: RefCell::default(),

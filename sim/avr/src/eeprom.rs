@@ -8,12 +8,11 @@ use super::base::{Base, Timer};
 use super::core::Vector;
 use super::regs::{EEARH, EEARL, EECR, EEDR, EEMPE, EEPE, EEPM, EERE, EERIE};
 use super::spm::{EepromActivity, Spm};
-use sim_base::{Cycles, F_CPU_HZ};
+use sim_base::Cycles;
 
-/// Erase and write in one operation (table 8-1).
-const ERASE_AND_WRITE_CYCLES: Cycles = F_CPU_HZ * 34 / 10_000;
-/// Erase only, or write only (table 8-1).
-const HALF_OPERATION_CYCLES: Cycles = F_CPU_HZ * 18 / 10_000;
+/// Erase only, or write only, in 1/34 of the time of both in one operation: 1.8 of 3.4 ms (table
+/// 8-1).
+const HALF_OPERATION: u32 = 18;
 /// > EEMPE [...] hardware clears the bit to zero after four clock cycles. (section 8.6.3)
 const MASTER_ENABLE_CYCLES: Cycles = 4;
 
@@ -167,18 +166,20 @@ impl Eeprom {
             return;
         }
         let data = core.get(EEDR);
-        let (value, duration) = match mode >> 4 {
-            0 => (data, ERASE_AND_WRITE_CYCLES),
-            1 => (0xFF, HALF_OPERATION_CYCLES),
+        let silicon = base.silicon.get();
+        let (both_us, half_us) = (silicon.eeprom_us, silicon.eeprom_us * HALF_OPERATION / 34);
+        let (value, duration_us) = match mode >> 4 {
+            0 => (data, both_us),
+            1 => (0xFF, half_us),
             // Without an erase, bits can only become 0.
-            2 => (self.cells[address] & data, HALF_OPERATION_CYCLES),
+            2 => (self.cells[address] & data, half_us),
             _ => {
                 base.report_violation("EEPM is 3, which is reserved: no EEPROM write");
                 return;
             }
         };
         spm.lose_buffer(base);
-        let end = base.now() + duration;
+        let end = base.now() + silicon.cycles_in_us(duration_us);
         self.programming = Some(Programming { address, value, end });
         base.schedule(TIMER, end);
         // > When EEPE has been set, the CPU is halted for two cycles before the next instruction is

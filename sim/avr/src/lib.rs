@@ -25,6 +25,7 @@
 //! core                   one of the engines: instructions, interrupts, ports, ADC, watchdog
 //! ├─ own                  `avr-core`, and what it lacks
 //! └─ simavr
+//! silicon                values that differ from chip to chip; time inside and outside
 //! processor              the interface to a board
 //! elf, hex, chip, pulse, analog   programs, sizes of memories, pulses, what is not digital
 //! ```
@@ -58,6 +59,7 @@ mod pins;
 mod processor;
 mod pulse;
 pub mod regs;
+mod silicon;
 #[cfg_attr(not(feature = "simavr"), path = "absent/simavr.rs")]
 mod simavr;
 mod sleep;
@@ -89,6 +91,7 @@ pub use processor::{
     Violation,
 };
 pub use pulse::{Pulse, PulseMeter};
+pub use silicon::Silicon;
 pub use spm::{PAGE_BYTES, PAGE_PROGRAMMING_CYCLES};
 pub use trace::{Moment, Tracer};
 pub use uart::{byte_read_at, rates_match};
@@ -96,7 +99,8 @@ pub use unmodelled::Unmodelled;
 
 use self::core::Activity;
 use machine::Machine;
-use sim_base::{Cycles, F_CPU_HZ};
+use silicon::Outside;
+use sim_base::Cycles;
 
 /// A simulated chip.
 pub struct Avr {
@@ -268,13 +272,13 @@ impl Avr {
 
     /// Simulated time since the start.
     pub fn now(&self) -> Cycles {
-        self.machine.base.now()
+        self.machine.base.silicon.get().time_of(self.machine.base.now())
     }
 
     /// Runs the program until `t`. The last instruction or interrupt entry can end later. Time also
     /// passes while the chip sleeps or has crashed, but not while a debugger halts it.
     pub fn run_until(&mut self, t: Cycles) -> State {
-        self.machine.run_until(t);
+        self.machine.run_until(self.machine.base.silicon.get().cycle_at(t));
         self.state()
     }
 
@@ -301,32 +305,49 @@ impl Avr {
         self.machine.seed(seed);
     }
 
+    /// Sets the values in which chips of a type differ.
+    ///
+    /// # Panics
+    /// If the chip has run already: its clock cannot change.
+    pub fn set_silicon(&mut self, silicon: Silicon) {
+        self.machine.set_silicon(silicon);
+    }
+
     /// All resets so far, including the first power-on.
     pub fn resets(&self) -> Vec<Reset> {
-        self.machine.resets_after(0)
+        self.resets_after(0)
     }
 
     /// The resets after the first `seen` ones.
     pub fn resets_after(&self, seen: usize) -> Vec<Reset> {
-        self.machine.resets_after(seen)
+        let mut resets = self.machine.resets_after(seen);
+        resets.iter_mut().for_each(|reset| self.move_outside(&mut reset.at));
+        resets
     }
 
     /// Removes and returns the program's mistakes since the last call.
     pub fn take_violations(&mut self) -> Vec<Violation> {
         let overrun = self.machine.stack.take_overrun(&self.machine.base);
-        overrun.into_iter().chain(self.machine.base.take_violations()).collect()
+        let all = overrun.into_iter().chain(self.machine.base.take_violations());
+        let mut all: Vec<Violation> = all.collect();
+        all.iter_mut().for_each(|violation| self.move_outside(&mut violation.at));
+        all
     }
 
     /// The features of the chip that are not modelled exactly and that the program has used, each
     /// once, after the first `seen` ones.
     pub fn unmodelled_after(&self, seen: usize) -> Vec<Unmodelled> {
-        self.machine.base.unmodelled_after(seen)
+        let mut uses = self.machine.base.unmodelled_after(seen);
+        uses.iter_mut().for_each(|used| self.move_outside(&mut used.at));
+        uses
     }
 
     /// Times at which the program jumped to its start without a reset, after the first `seen` ones.
     /// Only programs with avr-libc's start code are noticed.
     pub fn jumps_after(&self, seen: usize) -> Vec<Cycles> {
-        self.machine.jumps_after(seen)
+        let mut jumps = self.machine.jumps_after(seen);
+        jumps.iter_mut().for_each(|at| self.move_outside(at));
+        jumps
     }
 
     /// True if the program can know the level of a pin: it has read the pin since power-on, or one
@@ -357,8 +378,10 @@ impl Avr {
     }
 
     /// Calls `watcher` at each change of a pin. Edges that a timer makes have their exact time.
-    pub fn watch_pin(&mut self, port: char, bit: u8, watcher: PinWatcher) {
-        self.machine.watch_pin(pins::port_index(port), bit, watcher);
+    pub fn watch_pin(&mut self, port: char, bit: u8, mut watcher: PinWatcher) {
+        let silicon = Rc::clone(&self.machine.base.silicon);
+        let outside = move |level, at| watcher(level, silicon.get().time_of(at));
+        self.machine.watch_pin(pins::port_index(port), bit, Box::new(outside));
     }
 
     /// Drives a pin from outside, also during resets. Has no effect while the pin is an output.
@@ -378,25 +401,31 @@ impl Avr {
 
     /// Connects the device on the SPI, in place of an earlier one. Chip select is an ordinary pin.
     pub fn connect_spi(&mut self, device: Box<dyn SpiDevice>) {
-        self.machine.peripherals.spi.set_device(device);
+        let silicon = Rc::clone(&self.machine.base.silicon);
+        self.machine.peripherals.spi.set_device(Box::new(Outside { device, silicon }));
     }
 
     /// Connects what is on the two-wire bus (TWI), in place of what was there. Without it nothing
     /// acknowledges.
     pub fn connect_twi(&mut self, bus: Box<dyn TwiBus>) {
-        self.machine.peripherals.twi.set_bus(bus);
+        let silicon = Rc::clone(&self.machine.base.silicon);
+        self.machine.peripherals.twi.set_bus(Box::new(Outside { device: bus, silicon }));
     }
 
     /// Removes and returns the bytes that the program sent on the serial port since the last call,
     /// each with the time of the end of its stop bit.
     pub fn serial_take(&mut self) -> Vec<(Cycles, u8)> {
-        self.machine.peripherals.uart.borrow_mut().take_sent()
+        let mut sent = self.machine.peripherals.uart.borrow_mut().take_sent();
+        sent.iter_mut().for_each(|(at, _)| self.move_outside(at));
+        sent
     }
 
     /// Removes and returns the characters that began on TXD and RXD since the last call. The first
     /// call starts the recording.
     pub fn serial_trace(&mut self) -> Vec<SerialCharacter> {
-        self.machine.peripherals.uart.borrow_mut().take_trace()
+        let silicon = self.machine.base.silicon.get();
+        let trace = self.machine.peripherals.uart.borrow_mut().take_trace();
+        trace.into_iter().map(|character| silicon.character_outside(character)).collect()
     }
 
     /// Sends bytes to the serial port. Once the receiver is on, they arrive one after the other at
@@ -418,10 +447,12 @@ impl Avr {
     /// True if the program has looked for a byte on the serial port since `since`, and none is on
     /// its way in either direction.
     pub fn polls_serial(&self, since: Cycles) -> bool {
+        let since = self.machine.base.silicon.get().cycle_at(since);
         self.machine.peripherals.uart.borrow().is_polled(since)
     }
 
-    /// Rate, in bits per second, of the last byte that the program sent on the serial port.
+    /// Rate, in bits per second, of the last byte that the program sent on the serial port, by the
+    /// clock of the other end.
     pub fn serial_sent_rate(&self) -> u64 {
         self.machine.peripherals.uart.borrow().sent_rate()
     }
@@ -433,7 +464,8 @@ impl Avr {
 
     /// Rate of the serial port, in bits per second, as the program has set it.
     pub fn serial_bits_per_second(&self) -> u64 {
-        F_CPU_HZ / uart::Uart::cycles_per_bit(&self.machine.base)
+        let clock_hz = self.machine.base.silicon.get().clock_hz();
+        clock_hz / uart::Uart::cycles_per_bit(&self.machine.base)
     }
 
     /// Sets the rate, in bits per second, at which the other end of the serial port sends; `None`
@@ -467,7 +499,9 @@ impl Avr {
     /// Removes and returns the edges of OC1A or OC1B since the last call, exact to the cycle, while
     /// the pin is an output.
     pub fn take_edges(&mut self, oc: Oc) -> Vec<(Cycles, bool)> {
-        self.machine.peripherals.timers.take_edges(&self.machine.base, oc)
+        let mut edges = self.machine.peripherals.timers.take_edges(&self.machine.base, oc);
+        edges.iter_mut().for_each(|(at, _)| self.move_outside(at));
+        edges
     }
 
     /// Duty cycle of OC2B (D3), 0 to 1, if Timer2 drives it in a PWM mode (datasheet section 18.7).
@@ -532,6 +566,11 @@ impl Avr {
             .take_while(|address| self.sram(*address) == paint)
             .count();
         (self.chip().ram_end() + 1).saturating_sub(bottom) - untouched as u16
+    }
+
+    /// Converts a count of the chip's cycles into the time outside.
+    fn move_outside(&self, at: &mut Cycles) {
+        *at = self.machine.base.silicon.get().time_of(*at);
     }
 
     /// The EEPROM's cells.

@@ -33,6 +33,7 @@ use super::nvm::Nvm;
 use super::pins::{PORT_B, PORT_D, Pins};
 use super::processor::{PinWatcher, Reset, ResetCause};
 use super::regs;
+use super::silicon::Silicon;
 use super::sleep::{self, Mode};
 use super::spi::Spi;
 use super::stack::Stack;
@@ -134,6 +135,8 @@ pub(super) struct Machine {
     power_on_noise: RefCell<Noise>,
     /// The sleep in which clocks stand now.
     sleep: Cell<Option<Sleep>>,
+    /// End of the start-up after the last reset.
+    started_at: Cell<Cycles>,
 }
 
 impl Machine {
@@ -183,6 +186,7 @@ impl Machine {
             reset_cause: Cell::new(None),
             power_on_noise: RefCell::new(Noise::new(0)),
             sleep: Cell::new(None),
+            started_at: Cell::new(0),
         });
         match &machine.base.core {
             Core::Own(own) => own.connect_pins(Rc::clone(&machine.pins)),
@@ -214,6 +218,33 @@ impl Machine {
     pub fn seed(&self, seed: u64) {
         self.power_on_noise.replace(Noise::new(seed));
         self.peripherals.watchdog.replace(Watchdog::new(seed));
+        self.peripherals.watchdog.borrow_mut().tune(&self.base.silicon.get());
+    }
+
+    pub fn set_silicon(&self, silicon: Silicon) {
+        assert_eq!(self.base.now(), 0, "the chip has run already");
+        self.base.silicon.set(silicon);
+        self.adc.borrow_mut().tune(silicon);
+        let mut watchdog = self.peripherals.watchdog.borrow_mut();
+        watchdog.tune(&silicon);
+        watchdog.timed_out(&self.base.core);
+        self.begin_start_up();
+    }
+
+    /// > After all reset sources have gone inactive, a delay counter is invoked, stretching the
+    /// > internal reset. (section 11.1)
+    fn begin_start_up(&self) {
+        let silicon = self.base.silicon.get();
+        let end = self.base.now() + silicon.cycles_in_us(silicon.start_up_us);
+        self.started_at.set(end);
+        if end > self.base.now() {
+            self.base.schedule(Timer::Wake, end);
+        }
+    }
+
+    /// True while the chip starts, or a page of flash is programmed that it cannot read meanwhile.
+    fn cpu_waits(&self) -> bool {
+        self.peripherals.nvm.spm.borrow().halts_cpu() || self.base.now() < self.started_at.get()
     }
 
     /// Resets the chip from outside.
@@ -351,6 +382,7 @@ impl Machine {
     fn after_reset(&self) {
         self.sleep.set(None);
         self.base.unschedule(Timer::Wake);
+        self.begin_start_up();
         for peripheral in self.peripherals.iter() {
             peripheral.reset(&self.base, &mut self.power_on_noise.borrow_mut());
         }
@@ -399,7 +431,12 @@ impl Machine {
             let read = &self.inputs_read[port];
             read.set(read.get() | self.base.tested_bits());
             self.peripherals.timers.advance_port(&self.base, port, self.base.read_time());
-            return self.pins.levels(&self.base, port);
+            let levels = self.pins.levels(&self.base, port);
+            if self.base.silicon.get().is_floating {
+                let noise = self.power_on_noise.borrow_mut().next_u64() as u8;
+                return levels ^ noise & self.pins.floating(&self.base, port);
+            }
+            return levels;
         }
         if unmodelled::READS.contains(&address) {
             self.base.report_unmodelled(unmodelled::used_by_read(address));

@@ -129,6 +129,16 @@ impl Pins {
         self.drive.all_levels(base, port)
     }
 
+    /// The pins of a port whose level nothing determines.
+    pub fn floating(&self, base: &Base, port: usize) -> u8 {
+        let latch_register = port_register(port);
+        let has_pull_ups = base.core.get(regs::MCUCR) & regs::PUD == 0;
+        let pulled_up = if has_pull_ups { base.core.get(latch_register) } else { 0 };
+        let Drive { driven, overrides, .. } = &self.drive;
+        let outputs = base.core.get(latch_register - 1) | overrides.driven[port].get();
+        !(outputs | driven[port].get() | pulled_up)
+    }
+
     /// True if a pin is high.
     pub fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
         self.drive.level(base, port, bit)

@@ -30,8 +30,8 @@ use sim_base::{Cycles, F_CPU_HZ};
 /// > ("Programming Time for Flash when
 /// > Using SPM")
 ///
-/// The calibrated RC oscillator determines the time. The model uses the longest one, so that a
-/// program that waits less fails.
+/// The calibrated RC oscillator determines the time. This is the longest one, so that a program
+/// that waits less fails, unless [`Silicon`](crate::Silicon) has another.
 pub const PAGE_PROGRAMMING_CYCLES: Cycles = F_CPU_HZ * 45 / 10_000;
 /// Size of a page in bytes, the same for both chips.
 pub const PAGE_BYTES: usize = 128;
@@ -400,7 +400,8 @@ impl Spm {
     }
 
     fn start(&mut self, base: &Base, job: Job) {
-        let end = base.now() + PAGE_PROGRAMMING_CYCLES;
+        let silicon = base.silicon.get();
+        let end = base.now() + silicon.cycles_in_us(silicon.flash_us);
         self.job = Some((job, end));
         base.schedule(TIMER, end);
         // The run loop must check whether the CPU is halted before the next instruction.

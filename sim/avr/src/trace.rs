@@ -17,7 +17,7 @@ pub struct Moment<'a> {
 }
 
 impl Moment<'_> {
-    /// Simulated time.
+    /// Simulated time, in cycles of the chip.
     pub fn at(&self) -> Cycles {
         self.base.now()
     }

@@ -18,7 +18,7 @@ use super::regs::{
     DOR0, FE0, MPCM0, RXC0, RXCIE0, RXEN0, TXC0, TXEN0, U2X0, UBRR0H, UBRR0L, UCSR0A, UCSR0B,
     UCSR0C, UCSZ02, UDR0, UDRE0, UDRIE0, UPM0, USBS0,
 };
-use sim_base::{Cycles, F_CPU_HZ, Noise};
+use sim_base::{Cycles, Noise};
 
 /// Expires at the end of the character on TXD.
 const SEND: Timer = Timer::UartSend;
@@ -380,7 +380,7 @@ impl Uart {
     fn start_sending(&mut self, base: &Base, value: u8, at: Cycles) {
         self.sending = Some(value);
         let character = SerialCharacter { start: at, ..Uart::character(base, value) };
-        self.sent_rate = F_CPU_HZ / character.cycles_per_bit;
+        self.sent_rate = base.silicon.get().rate_on_line(character.cycles_per_bit);
         let end = self.begin(character);
         base.schedule(SEND, end);
     }
@@ -409,11 +409,12 @@ impl Uart {
         }
         let mut character =
             SerialCharacter { to_chip: true, start: at, ..Uart::character(base, byte) };
-        let own = F_CPU_HZ / character.cycles_per_bit;
+        let silicon = base.silicon.get();
+        let own = silicon.rate_on_line(character.cycles_per_bit);
         let own_end = at + u64::from(character.bits) * character.cycles_per_bit;
         let rate = self.line_rate.filter(|rate| !rates_match(*rate, own)).unwrap_or(own);
         if rate != own {
-            character.cycles_per_bit = (F_CPU_HZ / rate).max(1);
+            character.cycles_per_bit = silicon.rate_on_line(rate).max(1);
         }
         self.arriving = Some(read_at(byte, rate, own));
         let mut end = self.begin(character);

@@ -12,6 +12,7 @@ use super::base::{Base, Peripheral};
 use super::chip::Chip;
 use super::core::{Core, Vector};
 use super::regs::{WDE, WDIE, WDIF, WDP, WDTCSR};
+use super::silicon::Silicon;
 use sim_base::Noise;
 
 /// The watchdog of one chip.
@@ -36,7 +37,7 @@ impl Peripheral for RefCell<Watchdog> {
     }
 
     fn reset(&self, base: &Base, _: &mut Noise) {
-        self.borrow_mut().reset(&base.core);
+        self.borrow_mut().reset(base);
     }
 }
 
@@ -44,6 +45,11 @@ impl Watchdog {
     /// The watchdog of a chip with this seed.
     pub fn new(seed: u64) -> Watchdog {
         Watchdog { oscillator: WatchdogOscillator::new(seed) }
+    }
+
+    /// Sets the values of the chip.
+    pub fn tune(&mut self, silicon: &Silicon) {
+        self.oscillator.tune(silicon);
     }
 
     /// Handles a write of `value` to WDTCSR, which had the value `before`, after simavr's own
@@ -71,11 +77,16 @@ impl Watchdog {
         core.set_watchdog_cycles(self.oscillator.time_out(core.get(WDTCSR)));
     }
 
-    /// Handles a reset of the chip. After a reset by the watchdog, the watchdog keeps running.
-    fn reset(&mut self, core: &Core) {
-        self.timed_out(core);
-        if core.get(WDTCSR) & WDE != 0 {
-            core.restart_watchdog();
+    /// Handles a reset of the chip. After a reset by the watchdog, the watchdog keeps running; its
+    /// time-out begins when the chip has started.
+    fn reset(&mut self, base: &Base) {
+        let core = &base.core;
+        if core.get(WDTCSR) & WDE == 0 {
+            return self.timed_out(core);
         }
+        let silicon = base.silicon.get();
+        let start_up = silicon.cycles_in_us(silicon.start_up_us);
+        core.set_watchdog_cycles(start_up + self.oscillator.time_out(core.get(WDTCSR)));
+        core.restart_watchdog();
     }
 }

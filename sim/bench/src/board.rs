@@ -30,6 +30,7 @@ use anyhow::{Context, Result};
 
 use crate::Cycles;
 use crate::avr::{Avr, Oc, Pulse, PulseMeter, ResetCause, State};
+use crate::corner::Corner;
 use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
 use crate::shaft::Shaft;
@@ -55,6 +56,7 @@ pub struct Board {
     servo_level: bool,
     outputs: Vec<SwitchedOutput>,
     shaft: Shaft,
+    corner: Corner,
 }
 
 /// A servo on a pin that the program switches in software.
@@ -121,6 +123,7 @@ impl Board {
             servo_level: false,
             outputs,
             shaft: Shaft::default(),
+            corner: Corner::default(),
         };
         board.set_temperature_c(20.0);
         board.set_circuit_millivolts(0, 0);
@@ -172,6 +175,17 @@ impl Board {
         self.avr.run_until(t)
     }
 
+    /// Gives the chips the values of a corner, before the board runs.
+    ///
+    /// # Panics
+    /// If the board has run already.
+    pub fn set_corner(&mut self, corner: &Corner) {
+        self.corner = *corner;
+        self.avr.set_silicon(corner.silicon());
+        let (ppm, settling) = corner.can_oscillator();
+        self.wires.chip.borrow_mut().set_oscillator(ppm, settling);
+    }
+
     /// Copies the level of the MCP2515's INT to the AVR's pin. The bench calls it after each step
     /// of the bus.
     pub fn update_int(&self) {
@@ -183,6 +197,10 @@ impl Board {
         // First, so that an instruction which the power cut ended is not taken for a mistake.
         if cause == ResetCause::PowerOn && self.wires.has_power() {
             self.chip_reset();
+        }
+        if cause == ResetCause::BrownOut && self.corner.browns_out_late() && self.wires.has_power()
+        {
+            self.chip_brown_out(self.avr.now());
         }
         self.avr.reset(cause);
     }

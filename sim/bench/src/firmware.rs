@@ -4,12 +4,13 @@ use std::cell::RefCell;
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Result, anyhow, bail, ensure};
 
 use crate::Bench;
 use crate::avr::Engine;
 use crate::board::Board;
 use crate::can::SoftNode;
+use crate::corner::Corner;
 use crate::wiring::{Wiring, preset};
 
 /// The EEPROM of a board after its first start with a firmware, on a bus of the default bit rate.
@@ -65,6 +66,17 @@ pub fn processor() -> Result<Engine> {
         Ok("simavr") => Ok(Engine::Simavr),
         Ok(other) => bail!("NODE_PROCESSOR is \"{other}\": use own or simavr"),
     }
+}
+
+/// The values of the boards of [`Board::programmed`]: the environment variable `NODE_CORNER`, such
+/// as "slow" or "random:7", by default the typical ones.
+///
+/// # Errors
+/// If it has another name.
+pub fn corner() -> Result<Option<Corner>> {
+    let chosen = std::env::var("NODE_CORNER").ok().filter(|name| !name.is_empty());
+    let parsed = chosen.map(|name| name.parse().map_err(|error| anyhow!("NODE_CORNER: {error}")));
+    parsed.transpose()
 }
 
 /// The path of the node's firmware: the environment variable `NODE_ELF`, by default the file that

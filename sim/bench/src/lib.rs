@@ -12,6 +12,7 @@ pub mod autopilot;
 pub mod board;
 pub mod budget;
 pub mod bus_log;
+pub mod corner;
 pub mod fault;
 pub mod findings;
 pub mod firmware;

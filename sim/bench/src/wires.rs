@@ -2,6 +2,7 @@
 //! program on another board.
 
 use crate::avr::Chip;
+use crate::corner::{Corner, Setting, Value};
 use crate::wiring::{Pin, Wiring, crystal_mhz};
 use anyhow::Result;
 use clap::Args as ClapArgs;
@@ -38,9 +39,44 @@ pub struct Args {
     /// Pin of the servo, whose pulses sim measures: D9 or D10
     #[arg(long, value_name = "PIN")]
     pub servo: Option<Pin>,
+
+    /// Values of a real chip at the edge of its tolerances: typical, slow, fast, worst or
+    /// random:SEED
+    #[arg(long, value_name = "CORNER", default_value = "typical")]
+    pub corner: Corner,
+
+    /// Deviation of the processor's clock, such as +0.4%
+    #[arg(
+        long,
+        value_name = "PERCENT",
+        value_parser = |text: &str| Setting::parse(Value::Clock, text),
+        allow_hyphen_values = true,
+    )]
+    pub clock: Option<Setting>,
+
+    /// Time in which a byte of EEPROM is erased and written, in milliseconds, such as 3.8
+    #[arg(
+        long,
+        value_name = "MS",
+        value_parser = |text: &str| Setting::parse(Value::Eeprom, text),
+        allow_hyphen_values = true,
+    )]
+    pub eeprom_ms: Option<Setting>,
+
+    /// Any value of the table of --help faults, such as can-start-ms=2000 (repeatable)
+    #[arg(long, value_name = "NAME=NUMBER")]
+    pub silicon: Vec<Setting>,
 }
 
 impl Args {
+    /// The values of the chips.
+    pub fn corner(&self) -> Corner {
+        let mut corner = self.corner;
+        let single = self.clock.iter().chain(&self.eeprom_ms).chain(&self.silicon);
+        single.for_each(|setting| corner.set(setting));
+        corner
+    }
+
     /// Changes a wiring as the options say.
     ///
     /// # Errors

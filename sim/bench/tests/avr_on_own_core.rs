@@ -4,6 +4,7 @@
 mod avr;
 mod avr_board;
 mod avr_chip;
+mod avr_corners;
 mod avr_peripherals;
 mod avr_spm;
 mod avr_stack;

@@ -3,6 +3,7 @@
 use super::args::Args;
 use super::keys;
 use crate::fault;
+use bench::corner;
 use clap::CommandFactory as _;
 use help_topics::{Help, Topic};
 
@@ -135,8 +136,8 @@ const TOPICS: &[Topic] = &[
     },
     Topic {
         name: "faults",
-        about: "faults for --inject NAME@TIME",
-        options: &["inject"],
+        about: "faults for --inject NAME@TIME, and values of a real chip",
+        options: &["inject", "corner", "clock", "eeprom_ms", "silicon"],
         text: faults,
     },
     Topic { name: "keys", about: "keys of the live view", options: &[], text: keys_of_live_view },
@@ -177,7 +178,7 @@ Examples:
 ";
 
 fn faults() -> String {
-    format!("Faults:\n{}", fault::table())
+    format!("Faults:\n{}\nValues of a chip for --silicon:\n{}", fault::table(), corner::table())
 }
 
 fn keys_of_live_view() -> String {
@@ -210,6 +211,7 @@ mod tests {
         assert!(help("--help links").contains("--slcan"));
         assert!(!help("--plain -h links").contains("--autopilot "));
         assert!(help("--help faults").contains("stuck-dominant"));
+        assert!(help("--help faults").contains("eeprom-ms"));
         assert_eq!(help("--help=keys"), help("--help keys"));
         for other in [&["--plain"][..], &["bounds", "--help"], &["help", "bounds"]] {
             let words: Vec<String> = other.iter().map(|word| (*word).to_owned()).collect();

@@ -25,6 +25,7 @@ use bench::avr::{self, Avr, Firmware, ResetCause};
 use bench::board::Board;
 use bench::budget::Budget;
 use bench::can::{self, PortId};
+use bench::corner::Corner;
 use bench::dronecan::text::visible;
 use bench::findings;
 use bench::i2c;
@@ -140,7 +141,15 @@ impl Scene {
         let avr = powered(first, 0)?;
         let resets_seen = avr.resets().len();
         let mut bench = Bench::new(bit_rate);
-        let node = bench.add_board(Board::wired(avr, &wiring)?, "node");
+        let corner = args.wires.corner();
+        let fitted = |avr: Avr| {
+            let mut board = Board::wired(avr, &wiring)?;
+            if corner != Corner::default() {
+                board.set_corner(&corner);
+            }
+            anyhow::Ok(board)
+        };
+        let node = bench.add_board(fitted(avr)?, "node");
         // Other projects' programs have their IDs themselves, and so have EEPROMs from files.
         let can_have_ids = knows_vendor_code && args.links.eeprom.is_none();
         let mut have_own_ids = can_have_ids;
@@ -157,7 +166,7 @@ impl Scene {
                 Some(cells) => avr.set_eeprom(&cells),
                 None => have_own_ids = false,
             }
-            Ok(bench.add_board(Board::wired(avr, &wiring)?, &format!("node{number}")))
+            Ok(bench.add_board(fitted(avr)?, &format!("node{number}")))
         });
         let others = others.collect::<Result<Vec<usize>>>()?;
         let autopilot = args.autopilot().or_usage()?.map(|settings| {
@@ -194,6 +203,9 @@ impl Scene {
         state.memory.limits = limits;
         state.knows_vendor_code = knows_vendor_code;
         state.report(0, Event::Board(format!("{wiring}; bus {} kbit/s", bit_rate / 1000)));
+        if corner != Corner::default() {
+            state.report(0, Event::Board(format!("corner: {corner}")));
+        }
         state.wiring = wiring;
         state.escs = Escs::new(&args.escs);
         let mut scene = Scene {

@@ -144,3 +144,32 @@ fn a_listener_with_another_bit_rate_does_not_disturb() {
     assert_ne!(bench.read(CANINTF) & MERRF, 0);
     assert_eq!(bench.read(REC), 0);
 }
+
+/// DS20001801J 5.0: a fast crystal makes the bits short. 8.1: the timer counts its periods once the
+/// crystal is stable, which no driver can know; so it makes no mistake before.
+#[test]
+fn a_crystal_has_its_deviation_and_its_time_to_settle() {
+    const SETTLING: u64 = 160_000;
+    const START_UP: u64 = 128;
+    let mut chip = super::super::Mcp2515::new(16_000_000);
+    chip.set_oscillator(1_000, SETTLING);
+    let mut send = |bytes: &[u8], at| {
+        chip.select(at);
+        let exchange = |byte: &u8| {
+            chip.begin_byte(at);
+            chip.end_byte(*byte, at)
+        };
+        let answers: Vec<u8> = bytes.iter().map(exchange).collect();
+        chip.deselect(at);
+        (answers[answers.len() - 1], chip.take_violations().len())
+    };
+    let canstat = [READ, CANSTAT, 0];
+    assert_ne!(send(&canstat, SETTLING - 1), (CONFIGURATION, 0));
+    assert_eq!(send(&[RESET], SETTLING - 1).1, 0);
+    assert_eq!(send(&canstat, SETTLING + START_UP - 1).1, 1);
+    assert_eq!(send(&canstat, SETTLING + START_UP), (CONFIGURATION, 0));
+    send(&[WRITE, CNF3, 0x01, 0x91, 0x00], SETTLING + START_UP);
+    send(&[WRITE, CANCTRL, NORMAL], SETTLING + START_UP);
+    assert_eq!(chip.bit_time_ps(), Some(999_000));
+    assert_eq!(chip.bit_rate(), 1_000_000);
+}

@@ -32,7 +32,7 @@ impl Machine {
         }
         while own.cycle() < until {
             own.run_freely();
-            let cpu_waits = self.peripherals.nvm.spm.borrow().halts_cpu();
+            let cpu_waits = self.cpu_waits();
             if self.debug.is_watching()
                 && (self.debug.is_halted() || !cpu_waits && self.debug.halts(&self.base.core))
             {
@@ -65,10 +65,7 @@ impl Machine {
                 self.expire_on_own(own, timer, at);
             }
             let ends = own.runs_singly() || own.cycle() >= until;
-            if ends
-                && own.activity() == Activity::Running
-                && !self.peripherals.nvm.spm.borrow().halts_cpu()
-            {
+            if ends && own.activity() == Activity::Running && !self.cpu_waits() {
                 own.enter_interrupt(&mut bus);
             }
         }

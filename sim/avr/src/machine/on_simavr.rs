@@ -71,7 +71,7 @@ impl Machine {
         self.settle_stack(simavr);
         loop {
             simavr.run_freely();
-            let cpu_waits = self.peripherals.nvm.spm.borrow().halts_cpu();
+            let cpu_waits = self.cpu_waits();
             if self.debug.is_watching()
                 && (self.debug.is_halted() || !cpu_waits && self.debug.halts(&self.base.core))
             {
@@ -121,7 +121,7 @@ impl Machine {
                 idle = simavr.process_timers();
             }
             match simavr.activity() {
-                Activity::Running if !self.peripherals.nvm.spm.borrow().halts_cpu() => {
+                Activity::Running if !self.cpu_waits() => {
                     let pc = simavr.pc();
                     simavr.service_interrupts();
                     if simavr.pc() != pc {
@@ -131,6 +131,8 @@ impl Machine {
                 Activity::Running | Activity::Sleeping | Activity::Crashed => {
                     let rest = until.saturating_sub(self.base.now());
                     simavr.set_cycle(simavr.cycle() + idle.min(rest));
+                    // Or the program would first run for as long again.
+                    simavr.stop_soon();
                 }
             }
             if self.base.now() >= until {

@@ -6,7 +6,7 @@ use anyhow::{Context, Result};
 
 use super::Board;
 use crate::avr::{Avr, Firmware};
-use crate::firmware::processor;
+use crate::firmware::{corner, processor};
 use crate::wiring::Wiring;
 
 impl Board {
@@ -31,9 +31,15 @@ impl Board {
     /// A board with a firmware that is read already, powered on at time 0.
     ///
     /// # Errors
-    /// If the firmware does not fit the chip, the wiring is impossible, or [`processor`] fails.
+    /// If the firmware does not fit the chip, the wiring is impossible, or [`processor`] or
+    /// [`corner`] fails.
     pub fn programmed(wiring: &Wiring, firmware: &Firmware) -> Result<Board> {
-        Board::wired(Avr::programmed_on(processor()?, wiring.chip, firmware)?, wiring)
+        let mut board =
+            Board::wired(Avr::programmed_on(processor()?, wiring.chip, firmware)?, wiring)?;
+        if let Some(corner) = corner()? {
+            board.set_corner(&corner);
+        }
+        Ok(board)
     }
 
     /// A board with the given AVR. The wiring is that of the AVR's program, or else the default.
