@@ -35,11 +35,12 @@ define HELP
 make sim        watch the node work on a simulated board and CAN bus     ARGS="--for 5s"
 make web        the same in a web page, served on this machine           WEB_PORT=8000
 make bridge     the node as a ground station sees it, through MAVLink
-make install    the commands sim, bridge, node-update and avr-bounds     PREFIX=/usr/local
+make install    the commands sim, bridge, node-update, node-check ...    PREFIX=/usr/local
 make firmware   build the firmware, and print its size
 make flash      upload it to an Arduino, and open its serial monitor     PORT=/dev/ttyUSB0
 make bootloader write the loader for updates over the bus to an Arduino  PROGRAMMER=usbasp
 make update     send the firmware to nodes over the bus                  NODE=120 BUS=slcan:/dev/ttyACM0
+make check      check a real board: ten minutes, and a report            NODE=120 BUS=slcan:/dev/ttyACM0
 make test       what CI runs; installs what is missing first
 make help-all   everything else
 
@@ -75,6 +76,7 @@ sim-program: setup-build
 programs: sim-program
 	@cargo build --release -p bridge
 	@cargo build --release -p node-update
+	@cargo build --release -p node-check
 
 web: web-page ## a web page in which the firmware runs on a simulated board and bus, served  (WEB_PORT=8000; WEB_HOST=0.0.0.0 for others, too)
 	@node web/serve.mjs '$(TARGET_DIR)/web' $(or $(WEB_PORT),0) $(WEB_HOST)
@@ -82,10 +84,10 @@ web-page: setup-web ## the page in target/web: four minutes the first time
 	@scripts/web
 
 # Offline: all has been compiled, and cargo would look for newer crates.
-install: firmware programs ## sim, bridge, node-update and avr-bounds in ~/.cargo/bin, with man pages and completions  (PREFIX=/usr/local)
-	@set -e; for path in sim host/bridge host/update crates/avr-bounds; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$path; done
+install: firmware programs ## sim, bridge, node-update, node-check and avr-bounds in ~/.cargo/bin, with man pages and completions  (PREFIX=/usr/local)
+	@set -e; for path in sim host/bridge host/update host/check crates/avr-bounds; do cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$path; done
 	@cargo run --quiet --release --locked -p manuals -- '$(PREFIX)/share'
-	@echo "Installed sim, bridge, node-update and avr-bounds in $(PREFIX)/bin$$(case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo ", which is not in PATH yet";; esac)"
+	@echo "Installed sim, bridge, node-update, node-check and avr-bounds in $(PREFIX)/bin$$(case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo ", which is not in PATH yet";; esac)"
 	@$(if $(BOARD)$(SHIELD)$(FEATURES),echo "sim without --elf simulates the default firmware. For this one: sim --elf '$(abspath $(ELF))'")
 
 # --- The firmware, and real boards
@@ -123,6 +125,16 @@ update: ## send the firmware to nodes over the bus  (NODE=120 BUS=slcan:/dev/tty
 	@$(PROGRAMS)/node-update $(if $(FILE),'$(FILE)',$(ELF:.elf=.bin)) --bus '$(BUS)' --node '$(NODE)' \
 		$(if $(findstring --bitrate,$(ARGS)),,--bitrate $(shell scripts/firmware --bit-rate $(WIRING))) $(ARGS)
 
+# It offers an update with the program that the node has, if that has been built here.
+check: SAME := $(foreach word,BOARD SHIELD CS INT CRYSTAL,$(if $($(word)),$(word)=$($(word))))
+check: ## check a real board, and write a report for an issue: ten minutes  (NODE=120 BUS=slcan:/dev/ttyACM0; PORT=/dev/ttyUSB0 if there is one)
+	@test '$(BUS)' || { echo 'Say which bus: make check $(strip $(SAME) NODE=120) BUS=slcan:/dev/ttyACM0 PORT=/dev/ttyUSB0' >&2; exit 2; }
+	@scripts/setup build
+	@cargo build --release -p node-check
+	@$(PROGRAMS)/node-check --bus '$(BUS)' --node '$(or $(NODE),120)' $(if $(PORT),--port '$(PORT)') --report '$(TARGET_DIR)/check' \
+		$(if $(findstring --bitrate,$(ARGS)),,--bitrate $(shell scripts/firmware --bit-rate $(WIRING))) \
+		$(foreach file,$(wildcard $(TARGET_DIR)/firmware/*.bin),--firmware '$(file)') $(ARGS)
+
 dist: setup-build $(TOOLS)/bin/cargo-about ## a release in target/dist: ten minutes; of one board two  (BOARD=uno SHIELD=module)
 	@scripts/dist $(WIRING)
 build-twice: setup-build $(TOOLS)/bin/cargo-about ## check that two builds of the last commit have the same bytes: two minutes
@@ -153,10 +165,10 @@ third-party: setup-build
 		-p third-party-mcp25xx-crate; cargo build $$options -p third-party-mcp25xx-wrong-rxb1; done
 # "bridge" and "rig" are in each call: so cargo builds the simulator with one set of features, once.
 TESTED := $(addprefix -p ,avr-bounds boards boot bridge fuzz-harness mcp2515-ordered dronecan-wire dronecan-host can-frame own-node \
-	sim-base can-model mcp2515-model bus-load can-link node-update avr-core avr-model bench sim manuals rig)
+	sim-base can-model mcp2515-model bus-load can-link node-update node-check avr-core avr-model bench sim manuals rig)
 test-programs: setup-simavr
 	cargo test --no-run $(TESTED) -p tests
-	cargo build -p node-update
+	cargo build -p node-update -p node-check
 test-host: test-programs firmwares third-party
 	nice cargo test $(TESTED)
 	nice cargo test -p bridge -p rig -p web --test engines
@@ -240,7 +252,7 @@ lint: setup-test sources stable packages ## formatting and clippy, for both targ
 	cargo clippy $(AVR) -p boot -p third-party-mcp2515-crate -p third-party-mcp25xx-crate -p third-party-mcp25xx-wrong-rxb1 -- -D warnings
 	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) $(PROGRAM) --features full -- -D warnings
 	cargo clippy --workspace --all-targets -- -D warnings
-	cargo clippy -p web -p dronecan-host -p node-update --lib --target wasm32-unknown-unknown -- -D warnings
+	cargo clippy -p web -p dronecan-host -p node-update -p node-check --lib --target wasm32-unknown-unknown -- -D warnings
 
 DENY = $(TOOLS)/bin/cargo-deny --locked --config .cargo/deny.toml
 deny: $(TOOLS)/bin/cargo-deny ## check licences and origins of all dependencies, and that only the simulator links simavr

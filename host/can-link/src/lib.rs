@@ -103,6 +103,10 @@ pub struct Bus {
     line: Option<Line>,
     retry_at: Duration,
     queue: VecDeque<Frame>,
+    wants_stamps: bool,
+    /// The time stamps in microseconds of the frames that [`Bus::serve`] returned last, from an
+    /// SLCAN adapter that adds them.
+    pub stamps: Vec<Option<u64>>,
     pub counters: Counters,
     /// Why the bus is not open, as it was last logged.
     trouble: Option<String>,
@@ -125,9 +129,24 @@ impl Bus {
             line: None,
             retry_at: Duration::ZERO,
             queue: VecDeque::new(),
+            wants_stamps: false,
+            stamps: Vec::new(),
             counters: Counters::default(),
             trouble: None,
             log: Vec::new(),
+        }
+    }
+
+    /// Requests time stamps from an SLCAN adapter, from its next opening on.
+    pub fn request_stamps(&mut self) {
+        self.wants_stamps = true;
+    }
+
+    /// The adapter of the bus, if it is SLCAN.
+    pub fn adapter(&mut self) -> Option<&mut Adapter> {
+        match &mut self.line {
+            Some(Line::Slcan(slcan)) => Some(&mut slcan.adapter),
+            _ => None,
         }
     }
 
@@ -164,7 +183,7 @@ impl Bus {
                 if flock(&port, FlockOperation::NonBlockingLockExclusive).is_err() {
                     bail!("another program uses {}: an update, or a bridge?", path.display());
                 }
-                Line::Slcan(Slcan::new(port, self.bit_rate, now)?)
+                Line::Slcan(Slcan::new(port, self.bit_rate, self.wants_stamps, now)?)
             }
             Spec::Mcast(bus) => Line::Mcast(mcast::Port::open(*bus, self.interface)?),
             Spec::SocketCan(name) => {
@@ -207,6 +226,7 @@ impl Bus {
         }
         let was_up = self.is_up();
         let mut frames = Vec::new();
+        self.stamps.clear();
         if let Err(error) = self.receive(now, &mut frames) {
             self.lost(now, &error);
         }
@@ -221,7 +241,7 @@ impl Bus {
     fn receive(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
         match &mut self.line {
             Some(Line::Slcan(slcan)) => {
-                let served = slcan.serve(now, frames);
+                let served = slcan.serve(now, frames, &mut self.stamps);
                 let invalid = std::mem::take(&mut slcan.adapter.invalid);
                 let echoed = std::mem::take(&mut slcan.adapter.echoed);
                 if echoed > 0 && self.counters.echoed == 0 {
@@ -290,6 +310,11 @@ impl Bus {
         self.transmit(now);
     }
 
+    /// The number of frames that wait for the bus.
+    pub fn waiting(&self) -> usize {
+        self.queue.len()
+    }
+
     fn transmit(&mut self, now: Duration) {
         while let Some(frame) = self.queue.front() {
             let sent = match &mut self.line {
@@ -353,7 +378,8 @@ impl Bus {
     /// Closes the bus and the adapter's channel.
     pub fn close(&mut self) {
         if let Some(Line::Slcan(slcan)) = &mut self.line {
-            let _ = rustix::io::write(&slcan.port, b"C\r");
+            let end: &[u8] = if self.wants_stamps { b"C\rZ0\r" } else { b"C\r" };
+            let _ = rustix::io::write(&slcan.port, end);
         }
         self.line = None;
     }
@@ -395,9 +421,13 @@ struct Slcan {
 }
 
 impl Slcan {
-    fn new(port: SerialPort, bit_rate: u32, now: Duration) -> Result<Slcan> {
+    fn new(port: SerialPort, bit_rate: u32, wants_stamps: bool, now: Duration) -> Result<Slcan> {
         let _ = port.discard_buffers();
-        let mut slcan = Slcan { port, adapter: Adapter::new(bit_rate, Channel::Normal, now) };
+        let mut adapter = Adapter::new(bit_rate, Channel::Normal, now);
+        if wants_stamps {
+            adapter.request_stamps();
+        }
+        let mut slcan = Slcan { port, adapter };
         slcan.write()?;
         Ok(slcan)
     }
@@ -424,14 +454,23 @@ impl Slcan {
         Ok(true)
     }
 
-    fn serve(&mut self, now: Duration, frames: &mut Vec<Frame>) -> Result<()> {
+    fn serve(
+        &mut self,
+        now: Duration,
+        frames: &mut Vec<Frame>,
+        stamps: &mut Vec<Option<u64>>,
+    ) -> Result<()> {
         self.write()?;
         let mut buffer = [0; 4096];
         while frames.len() < TAKEN_AT_ONCE {
             match rustix::io::read(&self.port, &mut buffer) {
                 Ok(0) => bail!("the adapter has been unplugged, or another program has opened it"),
                 Ok(read) => {
-                    self.adapter.receive(&buffer[..read], now, frames).map_err(with_option)?;
+                    // The adapter keeps the stamp of the last frame only.
+                    for byte in &buffer[..read] {
+                        self.adapter.receive(&[*byte], now, frames).map_err(with_option)?;
+                        stamps.resize(frames.len(), self.adapter.stamp_us());
+                    }
                     self.write()?;
                 }
                 Err(Errno::INTR) => {}

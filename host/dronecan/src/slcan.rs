@@ -145,7 +145,9 @@ pub enum Reply {
     /// The adapter rejected a command (BEL).
     Refused,
     Received(Frame),
-    /// An answer to `V`, `N` or `F`.
+    /// The flags of an answer to `F`.
+    Flags(u8),
+    /// An answer to `V` or `N`.
     Other,
     /// A line that this protocol does not have.
     Invalid,
@@ -204,6 +206,7 @@ fn reply(line: &[u8]) -> (Reply, Option<u64>) {
     let id_digits = match letter {
         b't' | b'r' => 3,
         b'T' | b'R' => 8,
+        b'F' if let Some(flags) = hex(rest) => return (Reply::Flags(flags as u8), None),
         b'V' | b'v' | b'N' | b'F' => return (Reply::Other, None),
         _ => return (Reply::Invalid, None),
     };

@@ -32,6 +32,9 @@ const GARBAGE_LINES: u64 = 2;
 /// Ends an incomplete line, and a session.
 const CLOSE: &[u8] = b"\rC\r";
 
+/// The bit of [`Adapter::flags`] for errors on the bus.
+pub const BUS_ERROR: u8 = 1 << 7;
+
 /// Why an adapter cannot be opened.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Refusal {
@@ -80,6 +83,7 @@ pub enum Channel {
 enum State {
     Closing,
     Rate,
+    Stamping,
     Opening,
     Open,
 }
@@ -88,6 +92,7 @@ enum State {
 pub struct Adapter {
     bit_rate: u32,
     channel: Channel,
+    wants_stamps: bool,
     state: State,
     deadline: Duration,
     replies: Replies,
@@ -95,6 +100,8 @@ pub struct Adapter {
     out: Vec<u8>,
     /// The frames that the adapter may return, with the time when they were sent.
     sent: VecDeque<(Duration, Frame)>,
+    /// The answer to [`Adapter::ask_flags`].
+    pub flags: Option<u8>,
     /// Number of frames that came back from the adapter.
     pub echoed: u64,
     /// Number of lines that are not SLCAN.
@@ -109,15 +116,22 @@ impl Adapter {
         Adapter {
             bit_rate,
             channel,
+            wants_stamps: false,
             state: State::Closing,
             deadline: now + TIMEOUT,
             replies: Replies::default(),
             out: CLOSE.to_vec(),
             sent: VecDeque::new(),
+            flags: None,
             echoed: 0,
             invalid: 0,
             garbage: 0,
         }
+    }
+
+    /// Requests time stamps when the channel is opened. Some adapters have none.
+    pub fn request_stamps(&mut self) {
+        self.wants_stamps = true;
     }
 
     /// True if the channel is open.
@@ -165,6 +179,7 @@ impl Adapter {
                 }
                 Some(Reply::Invalid) if self.is_open() => self.invalid += 1,
                 Some(Reply::Invalid) => self.garbage += 1,
+                Some(Reply::Flags(flags)) => self.flags = Some(flags),
                 Some(Reply::Done) => self.step(now, true)?,
                 Some(Reply::Refused) => self.step(now, false)?,
                 _ => {}
@@ -195,6 +210,13 @@ impl Adapter {
         self.sent.push_back((now, *frame));
         self.sent.drain(..self.sent.len().saturating_sub(SENT_MAX));
         true
+    }
+
+    /// Asks for the flags of the open channel since the last time, [`Adapter::flags`]. Some
+    /// adapters have none.
+    pub fn ask_flags(&mut self) {
+        self.flags = None;
+        self.out.extend(b"F\r");
     }
 
     /// The bytes that wait for the port.
@@ -228,7 +250,7 @@ impl Adapter {
                 let digit = rate_digit(self.bit_rate).ok_or(Refusal::NoSuchRate(self.bit_rate))?;
                 self.command(State::Rate, &format!("S{digit}\r"), now);
             }
-            State::Rate | State::Opening if self.garbage >= GARBAGE_LINES => {
+            State::Rate | State::Stamping | State::Opening if self.garbage >= GARBAGE_LINES => {
                 return Err(Refusal::Garbage);
             }
             State::Opening if !done && self.channel == Channel::ListenOnly => {
@@ -237,7 +259,8 @@ impl Adapter {
             State::Rate | State::Opening if !done => {
                 return Err(Refusal::Rejected(self.bit_rate));
             }
-            State::Rate => {
+            State::Rate if self.wants_stamps => self.command(State::Stamping, "Z1\r", now),
+            State::Rate | State::Stamping => {
                 let command = match self.channel {
                     Channel::Normal => "O\r",
                     Channel::ListenOnly => "L\r",
@@ -309,6 +332,29 @@ mod tests {
             assert_eq!(written(&mut adapter), commands, "{at}");
         }
         assert!(adapter.is_open());
+    }
+
+    #[test]
+    fn time_stamps_are_requested_before_the_channel_is_opened_and_may_be_refused() {
+        let mut adapter = Adapter::new(1_000_000, Channel::Normal, ms(0));
+        adapter.request_stamps();
+        for (at, commands) in [(500, "\rC\rS8\r"), (1000, "Z1\r")] {
+            adapter.poll(ms(at)).unwrap();
+            assert_eq!(written(&mut adapter), commands, "{at}");
+        }
+        adapter.receive(b"\x07", ms(1001), &mut Vec::new()).unwrap();
+        assert_eq!(written(&mut adapter), "O\r");
+        adapter.receive(b"\r", ms(1002), &mut Vec::new()).unwrap();
+        assert!(adapter.is_open());
+    }
+
+    #[test]
+    fn the_flags_of_an_adapter_are_those_since_the_last_time() {
+        let mut adapter = open();
+        adapter.ask_flags();
+        assert_eq!((written(&mut adapter), adapter.flags), ("F\r".into(), None));
+        adapter.receive(b"F80\r", ms(2000), &mut Vec::new()).unwrap();
+        assert_eq!(adapter.flags, Some(BUS_ERROR));
     }
 
     #[test]
