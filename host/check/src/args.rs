@@ -48,7 +48,12 @@ pub struct Args {
     pub firmware: Vec<PathBuf>,
 
     /// How long error counters are observed
-    #[arg(long, value_name = "SECONDS", default_value_t = 60, value_parser = clap::value_parser!(u64).range(20..=86_400))]
+    #[arg(
+        long,
+        value_name = "SECONDS",
+        default_value_t = 60,
+        value_parser = clap::value_parser!(u64).range(20..=86_400),
+    )]
     pub watch: u64,
 
     /// Where the report goes

@@ -12,9 +12,10 @@ use std::time::Duration;
 
 use dronecan_host::text::visible;
 use dronecan_host::{
-    Frame, Message, NodeId, NodeStatus, Opcode, ParameterRequest, ParameterResponse, Transfer,
-    Value, frames,
+    ActuatorCommand, CommandUnit, Frame, Message, NodeId, NodeStatus, Opcode, ParameterRequest,
+    ParameterResponse, Transfer, TransferId, Value, frames,
 };
+use half::f16;
 use node_update::session::{Action, Outcome, Session as Update};
 use node_update::tool::Tool;
 
@@ -48,10 +49,16 @@ pub enum Output {
     Withdraw,
     /// Open the serial port, which resets the board.
     OpenPort,
+    /// Close it, because the board loses its supply.
+    ClosePort,
     /// Ask the adapter whether it has seen errors on the bus since it was asked last.
     AskAdapter,
     /// Send this to the serial port.
     Serial(Vec<u8>),
+    /// Record the pins for a second, and hand the recording to `Session::recorded`.
+    Record,
+    /// Reopen the adapter with this bit rate.
+    BitRate(u32),
     /// What is to be put back, should this program end before it does so: names and values.
     Remember(BTreeMap<String, i64>),
 }
@@ -78,6 +85,13 @@ pub struct State {
     pub report: Report,
     pub answer: Option<Answer>,
     pub adapter_errors: Option<bool>,
+    pub recording: Option<Result<String, String>>,
+    /// The actuator that this program commands, and the width of its pulse; and when.
+    pub command: Option<(u8, f32)>,
+    command_at: Duration,
+    /// True if an output has moved.
+    pub has_moved: bool,
+    transfer_id: u8,
     /// The adapter's clock: the last stamp, and the time that it stands for.
     stamp: Option<Stamp>,
     response: Option<Heard<Message>>,
@@ -86,6 +100,8 @@ pub struct State {
     before: Option<Duration>,
     pub statuses: Vec<Heard<NodeStatus>>,
     pub temperatures: Vec<Heard<f32>>,
+    /// Times of the frames of the node.
+    pub frames: Vec<Duration>,
     /// Lines of the serial monitor, and texts of LogMessage.
     pub lines: Vec<(Duration, String)>,
     pub serial_bytes: usize,
@@ -120,12 +136,18 @@ impl Desk {
             report: Report::default(),
             answer: None,
             adapter_errors: None,
+            recording: None,
+            command: None,
+            command_at: Duration::ZERO,
+            has_moved: false,
+            transfer_id: 0,
             stamp: None,
             response: None,
             expected: None,
             before: None,
             statuses: Vec::new(),
             temperatures: Vec::new(),
+            frames: Vec::new(),
             lines: Vec::new(),
             serial_bytes: 0,
             line: Vec::new(),
@@ -209,8 +231,8 @@ impl Desk {
         self.wait(self.now() + time, |_| None::<()>).await;
     }
 
-    /// True if the adapter has seen errors on the bus since it was asked last. `None` if it does not
-    /// say.
+    /// True if the adapter has seen errors on the bus since it was asked last. `None` if it does
+    /// not say.
     pub async fn adapter_errors(&self) -> Option<bool> {
         self.state_mut().adapter_errors = None;
         self.output(Output::AskAdapter);
@@ -218,12 +240,24 @@ impl Desk {
         self.wait(until, |state| state.adapter_errors.take()).await
     }
 
-    /// Asks, and returns true for yes.
-    pub async fn is_allowed(&self, question: impl Into<String>) -> bool {
+    pub async fn question(&self, question: impl Into<String>) -> Answer {
         self.state_mut().answer = None;
         self.output(Output::Ask(question.into(), None));
-        let answer = self.wait(Duration::MAX, |state| state.answer.take()).await;
-        answer == Some(Answer::Yes)
+        self.wait(Duration::MAX, |state| state.answer.take()).await.unwrap_or(Answer::Skip)
+    }
+
+    /// Asks, and returns true for yes.
+    pub async fn is_allowed(&self, question: impl Into<String>) -> bool {
+        self.question(question).await == Answer::Yes
+    }
+
+    /// Waits for a bit of the status code. Returns when it came.
+    pub async fn code(&self, bit: u16, since: Duration, within_ms: u64) -> Option<Duration> {
+        self.wait(since + Duration::from_millis(within_ms), |state| {
+            let mut new = state.statuses.iter().filter(|status| status.at > since);
+            new.find(|status| status.what.vendor_code & bit != 0).map(|status| status.at)
+        })
+        .await
     }
 
     /// Lets the user do something, and waits until `done` sees it. `None` if the user skips it, or
@@ -378,15 +412,13 @@ impl Desk {
     }
 
     /// Sends a message to all nodes.
-    pub fn broadcast(&self, message: &Message, source: NodeId, transfer_id: u8) {
-        if let Some((data_type, payload)) = message.encode() {
-            let id = data_type.message_id(PRIORITY, source);
-            let new = frames(id, &payload, dronecan_host::TransferId::new(transfer_id));
-            self.state_mut().out.extend(new);
-        }
+    pub fn broadcast(&self, message: &Message, source: NodeId) {
+        self.state_mut().broadcast(message, source);
     }
 }
 
+/// Commands to a servo come 50 times a second.
+const COMMAND_PERIOD: Duration = Duration::from_millis(20);
 /// Priority of commands, as ArduPilot has it.
 const PRIORITY: u8 = 8;
 
@@ -433,9 +465,12 @@ impl State {
         let by_adapter = self.by_adapter(stamp_us);
         if let dronecan_host::Id::Extended(id) = frame.id
             && let Some(source) = dronecan_host::CanId::parse(id).and_then(|id| id.source())
-            && source != self.node
         {
-            self.others.insert(source);
+            if source == self.node {
+                self.frames.push(self.now);
+            } else {
+                self.others.insert(source);
+            }
         }
         if let Some(transfer) = self.tool.receive(frame, self.now) {
             self.transfer(&transfer, by_adapter);
@@ -509,10 +544,27 @@ impl State {
         lines.find(|(_, line)| line.contains(text)).map(|(_, line)| line.clone())
     }
 
-    /// Sends NodeStatus if it is due, and hands over the frames for the bus.
+    fn broadcast(&mut self, message: &Message, source: NodeId) {
+        if let Some((data_type, payload)) = message.encode() {
+            self.transfer_id = self.transfer_id.wrapping_add(1);
+            let id = data_type.message_id(PRIORITY, source);
+            self.out.extend(frames(id, &payload, TransferId::new(self.transfer_id)));
+        }
+    }
+
+    /// Sends NodeStatus and commands that are due, and hands over the frames for the bus.
     pub fn send(&mut self) {
         if !self.is_silent {
             self.tool.poll(self.now);
+        }
+        if let (Some((actuator, us)), Some(own)) = (self.command, self.tool.id())
+            && self.now >= self.command_at
+        {
+            self.has_moved = true;
+            self.command_at = self.now + COMMAND_PERIOD;
+            let value = f16::from_f32(us);
+            let command = ActuatorCommand { actuator, unit: CommandUnit::Pwm, value };
+            self.broadcast(&Message::ArrayCommand(vec![command]), own);
         }
         self.out.extend(self.tool.take_frames());
     }

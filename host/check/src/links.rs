@@ -26,6 +26,8 @@ const BAUD: u32 = 115_200;
 pub struct Links {
     args: Args,
     bus: Bus,
+    /// True while the adapter has another bit rate, which it may reject.
+    has_other_rate: bool,
     port: Option<SerialPort>,
     start: Instant,
     /// Time of the start since 1970.
@@ -48,6 +50,7 @@ impl Links {
         let mut links = Links {
             args: args.clone(),
             bus: Bus::new(args.bus.clone(), args.bitrate, None),
+            has_other_rate: false,
             port: None,
             start: Instant::now(),
             epoch: SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default(),
@@ -81,6 +84,14 @@ impl Links {
         if let Some(adapter) = self.bus.adapter() {
             adapter.ask_flags();
         }
+    }
+
+    /// Reopens the adapter with a bit rate.
+    pub fn set_bit_rate(&mut self, bit_rate: u32) {
+        self.has_other_rate = bit_rate != self.args.bitrate;
+        self.bus.close();
+        self.bus = Bus::new(self.args.bus.clone(), bit_rate, None);
+        self.bus.request_stamps();
     }
 
     fn wait(&self, with_keys: bool) {
@@ -119,7 +130,7 @@ impl Links {
         if let Ok(bytes) = &bytes {
             session.serial(bytes, self.now());
         }
-        if let Some(trouble) = self.bus.trouble() {
+        if let Some(trouble) = self.bus.trouble().filter(|_| !self.has_other_rate) {
             bail!("the adapter {} is lost: {trouble}", self.args.bus);
         }
         bytes.map(drop)
@@ -157,6 +168,11 @@ impl Links {
         })?;
         self.port = Some(port);
         Ok(())
+    }
+
+    /// Closes the serial port.
+    pub fn close_port(&mut self) {
+        self.port = None;
     }
 
     /// Sends bytes to the board.

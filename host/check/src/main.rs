@@ -5,6 +5,7 @@
 
 #![forbid(unsafe_code)]
 
+mod analyser;
 mod keys;
 mod links;
 
@@ -25,6 +26,7 @@ use node_check::session::{Plan, Session, Stop};
 use node_update::file::FirmwareFile;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
+use analyser::Analyser;
 use keys::Keys;
 use links::Links;
 
@@ -62,11 +64,13 @@ fn run(args: &Args) -> Result<u8, Failure> {
     let left = left(&left_path).map_err(Failure::Usage)?;
     let mut links = Links::open(args).map_err(Failure::Link)?;
     let mut keys = Keys::new();
+    let mut analyser = Analyser::find();
     let mut session = Session::new(
         Plan {
             node: args.node,
             bit_rate: args.bitrate,
             has_port: args.port.is_some(),
+            has_analyser: analyser.is_there(),
             watch: std::time::Duration::from_secs(args.watch),
             files,
         },
@@ -90,6 +94,9 @@ fn run(args: &Args) -> Result<u8, Failure> {
         if let Some(answer) = keys.answer(links.now()) {
             session.answer(answer);
         }
+        if let Some(recording) = analyser.recording() {
+            session.recorded(recording);
+        }
         session.poll(links.now(), links.waiting());
         links.send(&mut session);
         for output in session.take_outputs() {
@@ -105,6 +112,9 @@ fn run(args: &Args) -> Result<u8, Failure> {
                         session.stop(&Stop::Link(format!("{error:#}")));
                     }
                 }
+                Output::BitRate(bit_rate) => links.set_bit_rate(bit_rate),
+                Output::Record => analyser.record(),
+                Output::ClosePort => links.close_port(),
                 Output::AskAdapter => links.ask_flags(),
                 Output::Serial(bytes) => links.write_port(&bytes),
                 Output::Remember(values) => remember(&left_path, &values),

@@ -83,7 +83,7 @@ impl Report {
             })
         });
         json!({
-            "about": self.about.iter().map(|(name, value)| json!([name, value])).collect::<Vec<_>>(),
+            "about": self.about,
             "rows": rows.collect::<Vec<_>>(),
             "ended": self.ended,
         })

@@ -1,8 +1,8 @@
 //! The checks of a board as a state machine: frames, serial bytes, answers and the time in; frames,
 //! questions and rows out.
 //!
-//! Goals: each defect has its row, and a healthy board has no failed one. All that the checks change
-//! is put back, however they end.
+//! Goals: each defect has its row, and a healthy board has no failed one. All that the checks
+//! change is put back, however they end.
 //!
 //! The stages: the checks; then what they have changed is put back, also after a signal, when the
 //! vehicle is armed, and when the adapter was lost and is back.
@@ -13,12 +13,13 @@ use std::pin::Pin;
 use std::task::{Context, Waker};
 use std::time::Duration;
 
-use dronecan_host::{Frame, NodeId};
+use dronecan_host::{Frame, Message, NodeId, RESTART_MAGIC};
 use node_update::file::FirmwareFile;
+use node_update::session::Outcome;
 
 use crate::checks;
 use crate::desk::{Answer, Desk, Output, list};
-use crate::report::{Report, Verdict};
+use crate::report::Report;
 
 /// How long the node has to answer before the program gives up to put something back.
 const PUT_BACK_WITHIN: Duration = Duration::from_secs(20);
@@ -31,6 +32,8 @@ pub struct Plan {
     pub bit_rate: u32,
     /// True if there is the Arduino's serial port.
     pub has_port: bool,
+    /// True if there is a logic analyser.
+    pub has_analyser: bool,
     /// How long error counters are observed.
     pub watch: Duration,
     /// Programs for an update. Only the one that the node has is sent.
@@ -90,6 +93,11 @@ impl Session {
     /// The answer to the last question.
     pub fn answer(&mut self, answer: Answer) {
         self.desk.state_mut().answer = Some(answer);
+    }
+
+    /// The recording of the pins, or why there is none.
+    pub fn recorded(&mut self, recording: Result<String, String>) {
+        self.desk.state_mut().recording = Some(recording);
     }
 
     /// Ends the checks, and puts back what they have changed.
@@ -176,39 +184,37 @@ impl Session {
 
 /// Puts back what the checks have changed, and says what it could not.
 async fn put_back(desk: Desk, within: Duration) {
-    let (changed, is_updating) = {
+    let (changed, is_updating, has_moved) = {
         let mut state = desk.state_mut();
         state.is_silent = false;
-        (list(&state.changed), state.update.is_some())
+        state.command = None;
+        (list(&state.changed), state.update.is_some(), state.has_moved)
     };
     let end = desk.now() + within;
     if is_updating {
         desk.note("the update goes on to its end: a node without a program could not start");
-        let outcome = desk.run_update().await;
-        desk.note(format!("{outcome:?}"));
+        let (text, is_updated) = match desk.run_update().await {
+            Outcome::Updated(text) => (text, true),
+            Outcome::Failed(text) => (format!("{text}. \"make update\" goes on with it"), false),
+        };
+        desk.check("Update", "the same program", text, is_updated);
     }
-    if changed.is_empty() {
-        return;
-    }
-    desk.note(format!("puts back {changed}"));
-    let why = loop {
-        match desk.put_back().await {
-            Ok(done) => {
-                return desk.row(
-                    "Put back",
-                    changed,
-                    format!("{done}: read back"),
-                    Verdict::Passed,
-                );
+    if !changed.is_empty() {
+        desk.note(format!("puts back {changed}"));
+        let result = loop {
+            match desk.put_back().await {
+                Err(_) if desk.now() < end => desk.pause(Duration::from_millis(100)).await,
+                result => break result,
             }
-            Err(why) if desk.now() >= end => break why,
-            Err(_) => desk.pause(Duration::from_millis(100)).await,
-        }
-    };
-    desk.check(
-        "Put back",
-        changed,
-        format!("not put back: {why}. The same command does it first when the node answers"),
-        false,
-    );
+        };
+        let seen = match &result {
+            Ok(done) => format!("{done}: read back"),
+            Err(why) => format!("not put back: {why}. The next run does it first"),
+        };
+        desk.check("Put back", changed, seen, result.is_ok());
+    }
+    if has_moved {
+        desk.note("restarts the node: then its output has no pulse, as before");
+        let _ = desk.ask(&Message::RestartNode(RESTART_MAGIC)).await;
+    }
 }

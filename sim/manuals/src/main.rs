@@ -1,6 +1,6 @@
 //! Writes the man pages and the completions for bash, zsh and fish of the programs `sim`, `bridge`,
-//! `node-update` and `avr-bounds` below a directory: `manuals ~/.cargo/share`. The shells and `man`
-//! look there for a program in `~/.cargo/bin`.
+//! `node-update`, `node-check` and `avr-bounds` below a directory: `manuals ~/.cargo/share`. The
+//! shells and `man` look there for a program in `~/.cargo/bin`.
 
 #![forbid(unsafe_code)]
 
@@ -24,11 +24,12 @@ fn main() -> Result<()> {
 }
 
 /// The commands of the programs.
-fn programs() -> [Command; 4] {
+fn programs() -> [Command; 5] {
     [
         sim::ui::args::Args::command(),
         bridge::args::Args::command(),
         node_update::args::Args::command(),
+        node_check::args::Args::command(),
         avr_bounds::command::Args::command(),
     ]
 }
@@ -84,6 +85,7 @@ mod tests {
             ("sim", "--wat", "--watch"),
             ("bridge", "--mavlink-v", "--mavlink-version"),
             ("node-update", "--nod", "--node"),
+            ("node-check", "--wat", "--watch"),
             ("avr-bounds", "--stack", "--stack-only"),
         ] {
             let script = format!(
