@@ -1,5 +1,5 @@
-"""node-check, which checks a real board, against simulated ones: healthy ones, and ten with a defect
-that its report must name.
+"""node-check, which checks a real board, against simulated ones: healthy ones, and some with a
+defect that its report must name.
 """
 
 import contextlib
@@ -245,6 +245,20 @@ def test_an_armed_vehicle_gets_nothing(bench):
     assert not sent(used)
     # The serial port was not opened, which would have reset the board.
     assert "the AVR was reset" not in used.text()
+
+
+@pytest.mark.long
+def test_a_vehicle_that_is_armed_meanwhile_ends_the_checks_and_they_put_back(bench):
+    used = bench(slcan=2)
+    process = start_check(used)
+    wait_for_output(process, b"sets OUT1_FS_PWM from 1500")
+    client = used.dronecan(adapter=1)
+    message = uavcan.equipment.safety.ArmingStatus(status=255)
+    client.node.periodic(0.2, lambda: client.node.broadcast(message))
+    client.spin_until(lambda: process.poll() is not None, "end of the program")
+    rows = end_check(used, process, 1)
+    assert (rows["Vehicle"][0], rows["Put back"][0]) == ("failed", "passed"), rows
+    assert client.get("OUT1_FS_PWM") == 1500
 
 
 @pytest.mark.long

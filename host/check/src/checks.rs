@@ -3,9 +3,10 @@
 use std::collections::BTreeMap;
 use std::time::Duration;
 
+use dronecan_host::text::hex;
 use dronecan_host::{NodeInfo, ParameterResponse, Value};
 
-use crate::desk::{Desk, State};
+use crate::desk::{Changed, Desk, State};
 use crate::session::Plan;
 use crate::{find, hands, store, update, watch};
 
@@ -67,12 +68,15 @@ pub async fn all(desk: Desk, plan: Plan) {
 
 async fn until_silence(desk: &Desk, plan: &Plan) {
     let Some(mut board) = find::find(desk, plan).await else { return };
-    if !desk.state().changed.is_empty() {
+    let unique_id = hex(&board.info.unique_id);
+    let has_left = !desk.state().changed.values.is_empty();
+    if has_left && desk.state().changed.unique_id == unique_id {
         desk.note("puts back what an earlier run has changed");
         if let Err(why) = desk.put_back().await {
             return desk.check("Put back", "what an earlier run has changed", why, false);
         }
     }
+    desk.state_mut().changed = Changed { unique_id, ..Changed::default() };
     if let Err(why) = store::read_parameters(desk, plan, &mut board).await {
         return desk.check("Parameters", "all are read", why, false);
     }

@@ -5,6 +5,7 @@
 
 use std::cell::{Ref, RefCell, RefMut};
 use std::collections::{BTreeMap, BTreeSet};
+use std::fmt;
 use std::future::poll_fn;
 use std::rc::Rc;
 use std::task::Poll;
@@ -18,6 +19,7 @@ use dronecan_host::{
 use half::f16;
 use node_update::session::{Action, Outcome, Session as Update};
 use node_update::tool::Tool;
+use serde::{Deserialize, Serialize};
 
 use crate::report::{Report, Row, Verdict};
 
@@ -34,6 +36,22 @@ pub struct Heard<T> {
     /// The same by the adapter's clock, if it has one. Only differences count.
     pub by_adapter: Duration,
     pub what: T,
+}
+
+/// The parameters of a board that the checks have changed, and their values before.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Changed {
+    /// Another board may have the same node ID.
+    pub unique_id: String,
+    pub values: BTreeMap<String, i64>,
+}
+
+impl fmt::Display for Changed {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let values: Vec<_> =
+            self.values.iter().map(|(name, value)| format!("{name} {value}")).collect();
+        f.write_str(&values.join(", "))
+    }
 }
 
 /// What the session asks of its user.
@@ -59,8 +77,8 @@ pub enum Output {
     Record,
     /// Reopen the adapter with this bit rate.
     BitRate(u32),
-    /// What is to be put back, should this program end before it does so: names and values.
-    Remember(BTreeMap<String, i64>),
+    /// What is to be put back, should this program end before it does so.
+    Remember(Changed),
 }
 
 /// The answer to a question.
@@ -110,8 +128,7 @@ pub struct State {
     /// Other nodes that say that the vehicle is armed, or command outputs.
     pub armed_by: Option<NodeId>,
     pub commander: Option<NodeId>,
-    /// What the checks have changed: the values before.
-    pub changed: BTreeMap<String, i64>,
+    pub changed: Changed,
     /// True if a changed value may be in the EEPROM.
     pub is_saved: bool,
     pub update: Option<Update>,
@@ -124,7 +141,7 @@ pub struct State {
 pub struct Desk(Rc<RefCell<State>>);
 
 impl Desk {
-    pub fn new(node: NodeId, changed: BTreeMap<String, i64>) -> Desk {
+    pub fn new(node: NodeId, changed: Changed) -> Desk {
         Desk(Rc::new(RefCell::new(State {
             now: Duration::ZERO,
             node,
@@ -154,7 +171,7 @@ impl Desk {
             others: BTreeSet::new(),
             armed_by: None,
             commander: None,
-            is_saved: !changed.is_empty(),
+            is_saved: !changed.values.is_empty(),
             changed,
             update: None,
             reads: Vec::new(),
@@ -333,7 +350,7 @@ impl Desk {
         let before = self.get(name).await?;
         let changed = {
             let mut state = self.state_mut();
-            state.changed.entry(name.to_owned()).or_insert(before);
+            state.changed.values.entry(name.to_owned()).or_insert(before);
             state.changed.clone()
         };
         self.output(Output::Remember(changed));
@@ -371,20 +388,21 @@ impl Desk {
             let state = self.state();
             (state.changed.clone(), state.is_saved)
         };
-        for (name, value) in &changed {
+        for (name, value) in &changed.values {
             let set = self.get_set(name, Value::Integer(*value)).await?;
             if set != *value {
                 return Err(format!("{name} is {set}, and was {value}"));
             }
         }
-        if is_saved && !changed.is_empty() {
+        if is_saved && !changed.values.is_empty() {
             self.save().await?;
         }
         let mut state = self.state_mut();
-        state.changed.clear();
+        state.changed.values.clear();
         state.is_saved = false;
-        state.outputs.push(Output::Remember(BTreeMap::new()));
-        Ok(list(&changed))
+        let now = Output::Remember(state.changed.clone());
+        state.outputs.push(now);
+        Ok(changed.to_string())
     }
 
     /// Updates the node with [`State::update`], to its end.
@@ -421,13 +439,6 @@ impl Desk {
 const COMMAND_PERIOD: Duration = Duration::from_millis(20);
 /// Priority of commands, as ArduPilot has it.
 const PRIORITY: u8 = 8;
-
-/// Names and values.
-pub fn list(values: &BTreeMap<String, i64>) -> String {
-    let values: Vec<String> =
-        values.iter().map(|(name, value)| format!("{name} {value}")).collect();
-    values.join(", ")
-}
 
 /// A time stamp of the adapter, and the two times that it stands for.
 struct Stamp {

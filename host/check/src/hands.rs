@@ -17,7 +17,7 @@ const WIDTHS: [i64; 3] = [1000, 1500, 2000];
 const WIDTH_LIMIT: f64 = 0.006;
 /// The node reads a frame at most so many microseconds after INT has fallen.
 const CS_LIMIT_US: f64 = 50.0;
-/// Frames of the node in the first second after the plug is in again: its messages, and no old ones.
+/// Frames of the node in the first second after the plug is in again: messages, and no old ones.
 const FRAMES_AFTER_PLUG: usize = 60;
 const SECONDS: u64 = 60;
 

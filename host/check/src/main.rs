@@ -9,7 +9,6 @@ mod analyser;
 mod keys;
 mod links;
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -20,9 +19,9 @@ use anyhow::{Context as _, Error, Result};
 use clap::Parser as _;
 use dronecan_host::text::visible;
 use node_check::args::Args;
-use node_check::desk::{Answer, Output};
+use node_check::desk::{Answer, Changed, Output};
 use node_check::report::{Report, Row, Verdict};
-use node_check::session::{Plan, Session, Stop};
+use node_check::session::{Plan, Session};
 use node_update::file::FirmwareFile;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 
@@ -79,7 +78,7 @@ fn run(args: &Args) -> Result<u8, Failure> {
     let mut is_lost = false;
     while !session.is_done() {
         if interrupted.load(Ordering::Relaxed) {
-            session.stop(&Stop::Signal);
+            session.stop("ended by a signal", false);
         }
         if let Err(error) = links.turn(&mut session, keys.wants_input()) {
             if !is_lost {
@@ -89,7 +88,7 @@ fn run(args: &Args) -> Result<u8, Failure> {
                 }
             }
             is_lost = true;
-            session.stop(&Stop::Link(format!("{error:#}")));
+            session.stop(&format!("{error:#}"), true);
         }
         if let Some(answer) = keys.answer(links.now()) {
             session.answer(answer);
@@ -109,7 +108,7 @@ fn run(args: &Args) -> Result<u8, Failure> {
                     if let Err(error) = links.open_port() {
                         is_lost = true;
                         keys.line(&visible(&format!("{error:#}")));
-                        session.stop(&Stop::Link(format!("{error:#}")));
+                        session.stop(&format!("{error:#}"), true);
                     }
                 }
                 Output::BitRate(bit_rate) => links.set_bit_rate(bit_rate),
@@ -117,7 +116,7 @@ fn run(args: &Args) -> Result<u8, Failure> {
                 Output::ClosePort => links.close_port(),
                 Output::AskAdapter => links.ask_flags(),
                 Output::Serial(bytes) => links.write_port(&bytes),
-                Output::Remember(values) => remember(&left_path, &values),
+                Output::Remember(changed) => remember(&left_path, &changed),
             }
         }
     }
@@ -165,19 +164,19 @@ fn read_file(path: &Path) -> Result<FirmwareFile> {
 }
 
 /// What an earlier run has not put back.
-fn left(path: &PathBuf) -> Result<BTreeMap<String, i64>> {
+fn left(path: &PathBuf) -> Result<Changed> {
     match fs::read(path) {
         Ok(text) => serde_json::from_slice(&text)
             .with_context(|| format!("{} is broken: remove it", path.display())),
-        Err(_) => Ok(BTreeMap::new()),
+        Err(_) => Ok(Changed::default()),
     }
 }
 
-fn remember(path: &Path, values: &BTreeMap<String, i64>) {
-    let done = if values.is_empty() {
+fn remember(path: &Path, changed: &Changed) {
+    let done = if changed.values.is_empty() {
         fs::remove_file(path)
     } else {
-        fs::write(path, serde_json::json!(values).to_string())
+        fs::write(path, serde_json::json!(changed).to_string())
     };
     if let Err(error) = done {
         println!("cannot write {}: {error}", path.display());

@@ -2,18 +2,16 @@
 
 use std::time::Duration;
 
-/// The median; zero without a time.
-pub fn median(times: &[Duration]) -> Duration {
+/// The time that this part of the times is below, of 1; zero without a time.
+pub fn quantile(times: &[Duration], part: f64) -> Duration {
     let mut sorted = times.to_vec();
     sorted.sort();
-    sorted.get(sorted.len() / 2).copied().unwrap_or_default()
+    sorted.get((sorted.len() as f64 * part) as usize).copied().unwrap_or_default()
 }
 
-/// The lower quartile: of times that this computer can only make longer.
-pub fn quick(times: &[Duration]) -> Duration {
-    let mut sorted = times.to_vec();
-    sorted.sort();
-    sorted.get(sorted.len() / 4).copied().unwrap_or_default()
+/// The median; zero without a time.
+pub fn median(times: &[Duration]) -> Duration {
+    quantile(times, 0.5)
 }
 
 /// The standard deviation.

@@ -7,7 +7,6 @@
 //! The stages: the checks; then what they have changed is put back, also after a signal, when the
 //! vehicle is armed, and when the adapter was lost and is back.
 
-use std::collections::BTreeMap;
 use std::future::Future;
 use std::pin::Pin;
 use std::task::{Context, Waker};
@@ -18,7 +17,7 @@ use node_update::file::FirmwareFile;
 use node_update::session::Outcome;
 
 use crate::checks;
-use crate::desk::{Answer, Desk, Output, list};
+use crate::desk::{Answer, Changed, Desk, Output};
 use crate::report::Report;
 
 /// How long the node has to answer before the program gives up to put something back.
@@ -40,14 +39,6 @@ pub struct Plan {
     pub files: Vec<FirmwareFile>,
 }
 
-/// Why the checks end before the last one.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Stop {
-    Signal,
-    /// The adapter or the serial port is lost.
-    Link(String),
-}
-
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {
     Checks,
@@ -65,7 +56,7 @@ pub struct Session {
 
 impl Session {
     /// The checks of a board. `left` is what an earlier run has not put back.
-    pub fn new(plan: Plan, left: BTreeMap<String, i64>) -> Session {
+    pub fn new(plan: Plan, left: Changed) -> Session {
         let desk = Desk::new(plan.node, left);
         let job = Box::pin(checks::all(desk.clone(), plan));
         Session { desk, job, stage: Stage::Checks, is_lost: false }
@@ -100,23 +91,15 @@ impl Session {
         self.desk.state_mut().recording = Some(recording);
     }
 
-    /// Ends the checks, and puts back what they have changed.
-    pub fn stop(&mut self, why: &Stop) {
-        self.is_lost |= matches!(why, Stop::Link(_));
-        let text = match why {
-            Stop::Signal => "ended by a signal",
-            Stop::Link(why) => why,
-        };
-        self.end(text);
-    }
-
-    fn end(&mut self, why: &str) {
-        if self.stage != Stage::Checks {
-            return;
+    /// Ends the checks, and puts back what they have changed. `is_lost` if the adapter or the
+    /// serial port is lost.
+    pub fn stop(&mut self, why: &str, is_lost: bool) {
+        self.is_lost |= is_lost;
+        if self.stage == Stage::Checks {
+            self.desk.state_mut().report.ended = Some(why.to_owned());
+            self.desk.output(Output::Withdraw);
+            self.put_back();
         }
-        self.desk.state_mut().report.ended = Some(why.to_owned());
-        self.desk.output(Output::Withdraw);
-        self.put_back();
     }
 
     fn put_back(&mut self) {
@@ -140,10 +123,14 @@ impl Session {
                 format!("armed, says node {by}: disarm it before the checks"),
                 false,
             );
-            self.end("the vehicle is armed");
+            self.stop("the vehicle is armed", false);
         }
         if self.desk.state().tool.has_conflict() {
-            self.end("another node sends with this program's node ID. Try again");
+            self.stop("another node sends with this program's node ID. Try again", false);
+            let mut state = self.desk.state_mut();
+            state.tool.leave();
+            // All are in use: then nothing can be sent.
+            let _ = state.tool.take_id(None, None);
         }
         let mut context = Context::from_waker(Waker::noop());
         while self.stage != Stage::Done && self.job.as_mut().poll(&mut context).is_ready() {
@@ -173,7 +160,7 @@ impl Session {
     /// True if something is to be put back.
     pub fn has_changed(&self) -> bool {
         let state = self.desk.state();
-        !state.changed.is_empty() || state.update.is_some()
+        !state.changed.values.is_empty() || state.update.is_some()
     }
 
     /// The report so far.
@@ -188,7 +175,7 @@ async fn put_back(desk: Desk, within: Duration) {
         let mut state = desk.state_mut();
         state.is_silent = false;
         state.command = None;
-        (list(&state.changed), state.update.is_some(), state.has_moved)
+        (state.changed.to_string(), state.update.is_some(), state.has_moved)
     };
     let end = desk.now() + within;
     if is_updating {

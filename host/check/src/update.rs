@@ -3,13 +3,12 @@
 use std::rc::Rc;
 use std::time::Duration;
 
-use dronecan_host::NodeInfo;
 use node_update::file::FirmwareFile;
 use node_update::session::{Outcome, Session as Update};
 
 use crate::checks::Board;
 use crate::desk::Desk;
-use crate::measure::quick;
+use crate::measure::quantile;
 use crate::session::Plan;
 
 /// Pages of the flash are erased and written in 3.7 to 4.5 ms each (DS40002061B 31.8).
@@ -19,7 +18,7 @@ const TAKES_NO_UPDATES: u8 = 0x80;
 
 /// Updates the node with the program that it has.
 pub async fn update(desk: &Desk, plan: &Plan, board: &Board) -> Result<(), String> {
-    let info: &NodeInfo = &board.info;
+    let info = &board.info;
     let Some(crc) = info.image_crc else {
         desk.skip("Update", "the program has no feature \"update\"");
         return Ok(());
@@ -49,8 +48,12 @@ pub async fn update(desk: &Desk, plan: &Plan, board: &Board) -> Result<(), Strin
         );
         return Ok(());
     };
+    if desk.state().commander.is_some() {
+        desk.skip("Update", "another node commands outputs, so the node refuses");
+        return Ok(());
+    }
     let question = format!(
-        "Update node {} with the program that it has ({file})? Its outputs have no pulse meanwhile.",
+        "Update node {} with the program that it has ({file})? Outputs have no pulse meanwhile.",
         plan.node
     );
     if !desk.is_allowed(question).await {
@@ -81,7 +84,8 @@ async fn update_with(
     };
     // A part of 256 bytes has 38 frames of 131 bits. It is two pages.
     let bus_ms = 38.0 * 131.0 * 1e3 / f64::from(plan.bit_rate);
-    let page_ms = (quick(&gaps).as_secs_f64() * 1e3 - bus_ms) / 2.0;
+    // This computer can only make them longer.
+    let page_ms = (quantile(&gaps, 0.25).as_secs_f64() * 1e3 - bus_ms) / 2.0;
     let (text, is_updated) = match outcome {
         Outcome::Updated(text) => (text, true),
         Outcome::Failed(text) => (text, false),
