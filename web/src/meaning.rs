@@ -16,7 +16,7 @@ pub fn meaning(frame: &Frame) -> Vec<(&'static str, String)> {
     let named = |number: u16| {
         DataType::of(id).map_or(format!("{number}"), |known| format!("{number}, {}", known.name))
     };
-    let urgency = |priority: u8| format!("{priority} of 0, the most urgent, to 31");
+    let urgency = |priority: u8| format!("{priority} (0 is the most urgent, 31 the least)");
     let mut fields = match id {
         CanId::Message { priority, type_id, source } => vec![
             ("priority", urgency(priority)),
@@ -70,7 +70,7 @@ mod tests {
     fn the_identifier_of_a_message_and_the_tail_of_a_single_frame_are_told() {
         // NodeStatus, type 341, priority 16, of node 42.
         let fields = of(16 << 24 | 341 << 8 | 42, &[0, 0, 0, 0, 0, 0, 0, 0xC5]);
-        assert_eq!(fields[0], "priority: 16 of 0, the most urgent, to 31");
+        assert_eq!(fields[0], "priority: 16 (0 is the most urgent, 31 the least)");
         assert!(fields[1].starts_with("message: 341, ") && fields[1].ends_with("NodeStatus"));
         assert_eq!(fields[2..4], ["from: node 42", "to: all"]);
         assert_eq!(fields[4], "tail byte: start, end: the only frame of its transfer");

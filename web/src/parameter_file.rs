@@ -3,10 +3,11 @@
 //! A line has a name and a number: what the DroneCAN GUI Tool, MAVProxy and Mission Planner read
 //! and write. A boolean is 1 or 0. Those programs take no text for a number, so a text is in a
 //! comment, which only this page reads: `#text NAME the text`. Each comment has two words, because
-//! the GUI Tool takes a line with one for an error.
+//! the GUI Tool takes a line with one for an error. A line of QGroundControl has five words, which
+//! are read, too: vehicle, component, name, value and type.
 //!
-//! Sources: `node_properties.py` of the DroneCAN GUI Tool, `mavparm.py` of pymavlink and
-//! `ParamFile.cs` of Mission Planner.
+//! Sources: `node_properties.py` of the DroneCAN GUI Tool, `mavparm.py` of pymavlink,
+//! `ParamFile.cs` of Mission Planner and `ParameterManager.cc` of QGroundControl.
 
 use std::collections::VecDeque;
 
@@ -69,6 +70,11 @@ fn read(file: &str) -> (Vec<Entry>, Vec<usize>) {
             Some(Entry { name: name.into(), written: Written::Text(unescaped(text)) })
         } else if line.trim().is_empty() || line.starts_with('#') {
             continue;
+        } else if let [vehicle, component, name, value, _] =
+            line.split('\t').collect::<Vec<_>>()[..]
+            && [vehicle, component].iter().all(|id| id.parse::<u8>().is_ok())
+        {
+            Some(Entry { name: name.into(), written: Written::Plain(value.into()) })
         } else {
             let split = line.trim().split_once(is_separator);
             split.map(|(name, rest)| Entry {
@@ -338,6 +344,7 @@ mod tests {
             ("OUT1_TRIM,1444", out, integer(1444)),
             ("OUT1_TRIM\t0x5DC # the middle\r", out, integer(1500)),
             ("\n# a comment\n  OUT1_TRIM 1\nOUT1_TRIM 2\n", out, integer(2)),
+            ("1\t25\tOUT1_TRIM\t1444\t6", out, integer(1444)),
             ("LED False", led, Value::Boolean(false)),
             ("LED 0.000000", led, Value::Boolean(false)),
             ("esc.kp 1e-3", kp, Value::Real(0.001)),
