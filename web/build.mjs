@@ -56,7 +56,7 @@ function withAddress(html) {
   }
   return html
     .replace('<a href="README.md">README', `<a href="${address}">Repository`)
-    .replace('href="docs/', `href="${address}/blob/HEAD/docs/`);
+    .replace('href="docs/README', `href="${address}/blob/HEAD/docs/README`);
 }
 
 mkdirSync(out, { recursive: true });

@@ -93,6 +93,7 @@ async function speaks(page) {
 
 async function chooseAndRead(page, node) {
   await page.getByLabel(`Node ${node}`, { exact: true }).click();
+  await page.click("#can-part-parameters");
   await page.click("#can-read");
   await has(page, "#can-client", /parameters read/);
 }
@@ -195,7 +196,7 @@ const tests = {
     const { page } = await open(t, [...DIECIMILA, "--autopilot", "ardupilot"]);
     await hasNode(page, 120, /OPERATIONAL/);
     await chooseAndRead(page, 120);
-    const input = page.locator("#can-table").getByLabel("OUT1_TRIM");
+    const input = page.getByLabel("OUT1_TRIM", { exact: true });
     assert.equal(await input.inputValue(), TRIM);
     await input.fill("99999");
     await input.press("Enter");
@@ -204,7 +205,7 @@ const tests = {
     await input.press("Enter");
     await has(page, "#can-client", /OUT1_TRIM = 1444/);
     await page.click("#can-save");
-    await has(page, "#can-client", /ok$/);
+    await has(page, "#can-client", /^saved/);
     await page.click("#can-restart");
     await hasNode(page, 120, /00:00:0[0-4]/);
     await hasNode(page, 120, /OPERATIONAL/);
@@ -229,7 +230,7 @@ const tests = {
     await give(other);
     await has(page, "#can-client", /from the file: 1 set, 0 were so before, 2 NOT/);
     await has(page, "#can-problems", /ARMING_CHECK is no parameter.*\n.*CAN_BAUDRATE 99 was refused: the node keeps 1000000/);
-    const input = page.locator("#can-table").getByLabel("OUT1_TRIM");
+    const input = page.getByLabel("OUT1_TRIM", { exact: true });
     assert.equal(await input.inputValue(), OTHER_TRIM);
     await give(file);
     await has(page, "#can-client", /from the file: 1 set, \d+ were so before$/);
@@ -246,7 +247,7 @@ const tests = {
     await page.getByLabel("Node 120", { exact: true }).click();
     await has(page, "#can-chosen", /Node 120/);
     await page.setInputFiles("#can-file", firmware("uno-seeed.elf"));
-    await has(page, "#can-client", /ELF/);
+    await has(page, "#can-update-status", /ELF/);
     await page.setInputFiles("#can-file", firmware("uno-seeed.bin"));
     await has(page, "#can-updates", /reading, \d{4,} of \d+ bytes/);
     await page.evaluate(() => window.fakePort.lose());
@@ -381,11 +382,14 @@ const tests = {
     await hasNode(page, 120, /OPERATIONAL/);
     await chooseAndRead(page, 120);
     await page.setInputFiles("#can-file", firmware("diecimila-seeed.bin"));
-    await has(page, "#can-client", /takes no further update over the bus/);
+    await has(page, "#can-update-status", /takes no further update over the bus/);
     await page.setInputFiles("#can-file", firmware("diecimila-seeed-remote.bin"));
     await has(page, "#can-updates", /NOT updated: .*takes no update over the bus/);
-    await page.locator("#can-traffic button").first().click();
-    for (const [colorScheme, width] of [["light", 1440], ["dark", 1440], ["light", 360]]) {
+    for (const [colorScheme, width, part] of [["light", 1440, "bus"], ["dark", 1440, "parameters"], ["light", 360, "bus"]]) {
+      await page.click(`#can-part-${part}`);
+      if (part === "bus") {
+        await page.locator("#can-traffic button").first().click();
+      }
       await page.emulateMedia({ colorScheme });
       await page.setViewportSize({ width, height: 844 });
       const { violations } = await page.evaluate(() => globalThis.axe.run());
@@ -436,6 +440,7 @@ async function takePicture(t) {
   await hasNode(page, 120, /OPERATIONAL/);
   await chooseAndRead(page, 120);
   await hasNode(page, 121, /org\.dronecan/);
+  await page.click("#can-part-bus");
   await page.evaluate(() => document.querySelector("#can-traffic button").click());
   await page.screenshot({ path: join(pictures, "web-bus.png") });
 }

@@ -89,9 +89,13 @@ const trafficHas = (page, what, pattern) =>
 const isRunning = (page) =>
   until("the node is operational", async () => (await text(page, "#node-text")).includes("OPERATIONAL"));
 const readParameters = async (page) => {
+  await page.click("#part-parameters");
   await page.click("#read");
   await until("all parameters are read", async () => /parameters read/.test(await text(page, "#client")));
 };
+
+/** The value of a parameter, in its tab. */
+const parameter = (page, name) => page.getByLabel(name, { exact: true });
 
 /** Chooses a command in the list, in one step: the list moves on. */
 const chooseCommand = (page) =>
@@ -147,13 +151,13 @@ const tests = {
     const page = await open(t);
     await isRunning(page);
     for (const [deflection, degrees] of [[1, 45], [-1, -45]]) {
-      await setSlider(page, ".output input", deflection);
+      await setSlider(page, ".command input", deflection);
       await until(`the arm is at ${degrees} degrees`, async () => {
         return Math.abs((await angle(page)) - degrees) < 1;
       });
     }
     await page.click("#sweep");
-    const slider = () => page.locator(".output input").inputValue();
+    const slider = () => page.locator(".command input").inputValue();
     const value = await slider();
     await until("the slider shows the sweep", async () => (await slider()) !== value);
     return page;
@@ -163,18 +167,18 @@ const tests = {
     const page = await open(t);
     await isRunning(page);
     await readParameters(page);
-    const input = page.getByLabel("OUT1_TRIM");
+    const input = parameter(page, "OUT1_TRIM");
     assert.equal(await input.inputValue(), "1500");
     await input.fill("1444");
     await input.press("Enter");
     await until("the node has taken it", async () => /OUT1_TRIM = 1444/.test(await text(page, "#client")));
     await page.click("#save");
-    await until("it is saved", async () => /executed|ok/i.test(await text(page, "#client")));
+    await until("it is saved", async () => /^saved/.test(await text(page, "#client")));
     await page.click("#restart");
     await until("it restarts", async () => (await text(page, "#monitor")).split("servo node").length > 2);
     await isRunning(page);
     await readParameters(page);
-    assert.equal(await page.getByLabel("OUT1_TRIM").inputValue(), "1444");
+    assert.equal(await parameter(page, "OUT1_TRIM").inputValue(), "1444");
     return page;
   },
 
@@ -182,12 +186,12 @@ const tests = {
     const page = await open(t);
     await isRunning(page);
     await readParameters(page);
-    const trim = page.getByLabel("OUT1_TRIM");
+    const trim = parameter(page, "OUT1_TRIM");
     await trim.fill("1444");
     await trim.press("Enter");
     await until("the node has taken it", async () => /OUT1_TRIM = 1444/.test(await text(page, "#client")));
     await page.click("#save");
-    await until("it is saved", async () => /executed|ok/i.test(await text(page, "#client")));
+    await until("it is saved", async () => /^saved/.test(await text(page, "#client")));
     for (const begin of [() => page.click("#reboot"), () => page.reload()]) {
       await new Promise((done) => setTimeout(done, 1500));
       await begin();
@@ -203,14 +207,45 @@ const tests = {
     const page = await open(t);
     await isRunning(page);
     await readParameters(page);
-    const trim = page.getByLabel("OUT1_TRIM");
+    const trim = parameter(page, "OUT1_TRIM");
     await trim.fill("9000");
     await trim.press("Enter");
     assert.equal(await trim.getAttribute("aria-invalid"), "true");
     assert.equal(await trim.inputValue(), "1500");
     assert.match(await text(page, "#client"), /OUT1_TRIM takes whole numbers from \d+ to \d+: it stays 1500/);
     const row = page.locator("#table tr", { hasText: "CAN_BAUDRATE" });
-    assert.match(await row.innerText(), /bit rate of the bus[^]*bit\/s/);
+    assert.match(await row.innerText(), /bit\/s[^]*bit rate of the bus/);
+    return page;
+  },
+
+  async "parameters have search, groups, marks of what is not saved, and a reset by row"(t) {
+    const page = await open(t, { width: 1366, height: 768 });
+    await isRunning(page);
+    await readParameters(page);
+    const rows = () => page.locator("#table td:nth-child(2)").filter({ visible: true }).count();
+    const all = await rows();
+    await page.fill("#search", "failsafe");
+    assert.ok((await rows()) > 0 && (await rows()) < all / 2, "those whose meaning has the word");
+    await page.fill("#search", "");
+    await page.selectOption("#group", "Output 1");
+    const [first, last] = [parameter(page, "OUT1_TRIM"), parameter(page, "OUT2_TRIM")];
+    assert.deepEqual([await first.isVisible(), await last.isVisible()], [true, false]);
+    const row = page.locator("tr", { has: first });
+    const { x, width } = await row.boundingBox();
+    assert.ok(x >= 0 && x + width <= 1366, "no column is cut off");
+    const mark = row.getByText("not saved");
+    const setTo = async (value, act) => {
+      await act();
+      await until("the value", async () => (await first.inputValue()) === value);
+      await until("the answer", async () => (await text(page, "#client")).startsWith(`OUT1_TRIM = ${value}`));
+    };
+    await setTo("1600", () => page.getByLabel("OUT1_TRIM, slider").fill("1600"));
+    assert.equal(await mark.isVisible(), true);
+    assert.match(await text(page, "#part-parameters"), /1 not saved/);
+    await page.click("#save");
+    await until("no mark", async () => !(await mark.isVisible()));
+    await setTo("1500", () => row.getByRole("button", { name: "Reset" }).click());
+    assert.equal(await mark.isVisible(), true, "the default is not what is saved");
     return page;
   },
 
@@ -231,7 +266,13 @@ const tests = {
       await page.click("#step-frame");
       return (await shown()) !== before;
     });
+    const clock = async () => Number(/^paused, (\d+\.\d{6}) s/.exec(await text(page, "#speed"))[1]);
     await page.click("#step-bit");
+    await until("the first bit", async () => /^Bit 1 of \d+: SOF, dominant/.test(await text(page, "#bit")));
+    const start = await clock();
+    await page.click("#step-bit");
+    await until("the second", async () => /^Bit 2 of/.test(await text(page, "#bit")));
+    await until("a microsecond later", async () => Math.round(((await clock()) - start) * 1e6) === 1);
     await page.click("#run");
     await page.selectOption("#rate", "1");
     return page;
@@ -248,7 +289,7 @@ const tests = {
     await until("the fault is over", async () => (await fault.getAttribute("aria-pressed")) === "false");
     const errors = await text(page, "#load");
     const count = Number(/(\d+) error frames/.exec(errors)[1]);
-    await until("time passes", async () => (await text(page, "#node-text")).includes("OK"));
+    await until("time passes", async () => (await text(page, "#health")) === "OK");
     assert.ok(Number(/(\d+) error frames/.exec(await text(page, "#load"))[1]) <= count + 1);
     return page;
   },
@@ -271,19 +312,73 @@ const tests = {
     return open(t);
   },
 
-  async "on a telephone servo, faults and health follow each other"(t) {
+  async "on a telephone servo, command, faults and health follow each other"(t) {
     const page = await open(t, { width: 390, height: 844 });
     await isRunning(page);
     // In one step: the page goes on, and its texts get longer.
     const boxes = await page.evaluate((parts) => {
       return parts.map((part) => document.querySelector(part).getBoundingClientRect().toJSON());
-    }, ["#servos", "#faults", "#node", "#health"]);
-    for (const [at, { y }] of boxes.slice(1, 3).entries()) {
+    }, ["#servos", "#command", "#faults", "#node", "#health"]);
+    for (const [at, { y }] of boxes.slice(1, 4).entries()) {
       const gap = y - boxes[at].y - boxes[at].height;
       assert.ok(gap >= 0 && gap < 20, `a gap of ${gap}`);
     }
-    const { y, height } = boxes[3];
+    const { y, height } = boxes[4];
     assert.ok(y + height <= 844, `health ends at ${y + height}`);
+    return page;
+  },
+
+  async "command, board and result are in one row, below one row of the header; on a telephone two"(t) {
+    const page = await open(t, { width: 1366, height: 768 });
+    const boxes = async (...parts) => Promise.all(parts.map((part) => page.locator(part).boundingBox()));
+    const row = await boxes("#command", "#board", "#servos");
+    row.reduce((left, right) => {
+      assert.ok(left.y === right.y && left.x + left.width <= right.x, JSON.stringify(row));
+      return right;
+    });
+    const isInRow = async (...parts) => {
+      const tops = (await boxes(...parts)).map(({ y, height }) => y + height / 2);
+      return Math.max(...tops) - Math.min(...tops) < 12;
+    };
+    assert.ok(await isInRow("h1", "#tab-simulated", "#tab-bus", "#run", "#speed", "#tour-open"));
+    await page.setViewportSize({ width: 390, height: 844 });
+    assert.ok(await isInRow("#tab-simulated", "#tab-board", "#tab-bus"));
+    assert.ok(await isInRow("#run", "#rate", "#speed", "#tour-open"));
+    const [header] = await boxes("header");
+    assert.ok(header.height < 100, `the header is ${header.height} high`);
+    return page;
+  },
+
+  async "the picture has the pins of the board, its LED, and wires that are pulled and carry frames"(t) {
+    const page = await open(t);
+    await isRunning(page);
+    const picture = page.locator("#picture");
+    const pinOf = async (name) => {
+      const labels = await picture.locator(".pin").allTextContents();
+      return labels[labels.indexOf(name) + 1];
+    };
+    assert.equal(await pinOf("CS"), "D9", "of the Seeed shield");
+    const buffer = readFileSync(join(directory, "../web-build/programs/uno-seeed.elf"));
+    await page.setInputFiles("#file", { name: "own.elf", mimeType: "", buffer });
+    await page.selectOption("#own-shield", "module");
+    await until("another CS", async () => (await pinOf("CS")) === "D10");
+    await page.selectOption("#program", { index: 0 });
+    await isRunning(page);
+    await setSlider(page, "#brightness", 1);
+    const duty = () => page.locator("#light").evaluate((light) => Number(light.style.getPropertyValue("--duty")));
+    await until("the LED is bright", async () => (await duty()) > 0.9);
+    await until("the frame was fetched", async () => {
+      await chooseCommand(page);
+      return /carries fetched|fetched.*carries/.test(await picture.getAttribute("class"));
+    });
+    const cable = picture.locator('[data-fault="cable"]');
+    await cable.focus();
+    await page.keyboard.press("Enter");
+    await until("the cable is pulled", () => isPressed(page, "#fault-cable"));
+    await until("it is seen", async () => (await cable.getAttribute("aria-pressed")) === "true");
+    assert.match(await cable.locator(".line").evaluate((line) => getComputedStyle(line).strokeDasharray), /30/);
+    await cable.locator(".hit").click({ force: true });
+    await until("it is in again", async () => !(await isPressed(page, "#fault-cable")));
     return page;
   },
 
@@ -313,6 +408,8 @@ const tests = {
     await marksHave(/^cable [\d.]+ s, failsafe [\d.]+ s/);
     await page.click("#run");
     for (const canvas of ["#timeline", "#plot-pulse canvas", "#plot-load canvas"]) {
+      await page.click(canvas === "#plot-load canvas" ? "#part-more" : "#part-bench");
+      await page.waitForTimeout(500);
       const rows = await page.locator(canvas).evaluate((element) => {
         const probe = new OffscreenCanvas(1, 1).getContext("2d");
         probe.fillStyle = getComputedStyle(document.documentElement).getPropertyValue("--error");
@@ -329,6 +426,7 @@ const tests = {
       assert.ok(rows > 0.5, `a line in ${canvas}: ${rows} of its height`);
     }
     await page.click("#run");
+    await page.click("#part-bench");
     await page.click("#end");
     await marksHave(/cable ends [\d.]+ s/);
     await marksHave(/commands again [\d.]+ s/);
@@ -345,7 +443,7 @@ const tests = {
       for (let step = 1; step <= 6; step++) {
         assert.equal(await text(page, "#tour-title"), `Tour, step ${step} of 6`);
         const panel = await page.locator("#tour").boundingBox();
-        const part = await page.locator(".toured h2").boundingBox();
+        const part = await page.locator(".toured h2, tr.toured").boundingBox();
         const free = `${JSON.stringify([panel, part])} at step ${step}`;
         assert.ok(panel.y >= 0 && part.y >= panel.y + panel.height, free);
         assert.ok(part.y + part.height <= height, free);
@@ -382,16 +480,19 @@ const tests = {
     await page.selectOption("#pattern", "px4");
     await until("the parameters", async () => /parameters read/.test(await text(page, "#client")));
     const set = async (name, value) => {
-      await page.getByLabel(name).fill(value);
-      await page.getByLabel(name).press("Enter");
+      await parameter(page, name).fill(value);
+      await parameter(page, name).press("Enter");
       await until("it is set", async () => (await text(page, "#client")).includes(`${name} = ${value}`));
     };
+    await page.click("#part-parameters");
     await set("OUT1_TRIM", "1444");
     await page.click("#save");
-    await until("it is saved", async () => /executed|ok/i.test(await text(page, "#client")));
+    await until("it is saved", async () => /^saved/.test(await text(page, "#client")));
     await set("OUT1_MAX", "1888");
+    await page.click("#part-bench");
     await page.click("#fault-cable");
     await until("the fault is on", () => isPressed(page, "#fault-cable"));
+    await page.click("#part-more");
     await page.click("#link");
     await until("words", async () => /restores what runs/.test(await text(page, "#notice")));
     const url = page.url();
@@ -401,13 +502,13 @@ const tests = {
     assert.equal(await other.locator("#program").inputValue(), DIECIMILA);
     assert.equal(await other.locator("#pattern").inputValue(), "px4");
     await until("the fault", () => isPressed(other, "#fault-cable"));
-    assert.equal(await other.getByLabel("OUT1_TRIM").inputValue(), "1444");
-    assert.equal(await other.getByLabel("OUT1_MAX").inputValue(), "1888");
+    assert.equal(await parameter(other, "OUT1_TRIM").inputValue(), "1444");
+    assert.equal(await parameter(other, "OUT1_MAX").inputValue(), "1888");
     // The program's own EEPROM is not the link's.
     await other.selectOption("#program", { index: 0 });
     await other.selectOption("#program", DIECIMILA);
-    await until("the parameters", async () => (await other.getByLabel("OUT1_TRIM").count()) === 1);
-    assert.equal(await other.getByLabel("OUT1_TRIM").inputValue(), "1500");
+    await until("the parameters", async () => (await parameter(other, "OUT1_TRIM").count()) === 1);
+    assert.equal(await parameter(other, "OUT1_TRIM").inputValue(), "1500");
     return other;
   },
 
@@ -424,6 +525,7 @@ const tests = {
   async "bus, wires and serial monitor are downloaded"(t) {
     const page = await open(t);
     await isRunning(page);
+    await page.click("#part-more");
     const get = async (button) => {
       const [download] = await Promise.all([page.waitForEvent("download"), page.click(button)]);
       return readFileSync(await download.path());
@@ -534,7 +636,7 @@ const tests = {
     await until("the safety switch is on", () => isPressed(page, "#safe"));
     await trafficHas(page, "SafetyState", /SafetyState/);
     await page.click("#safe");
-    await setSlider(page, ".output input", 0.5);
+    await setSlider(page, ".command input", 0.5);
     await until("no sweep", async () => !(await isPressed(page, "#sweep")));
     await page.click("#sweep");
     await until("a sweep", () => isPressed(page, "#sweep"));
@@ -590,7 +692,7 @@ const tests = {
     await until("eight servos", async () => (await page.locator(".output").count()) === 8);
     await until("it is armed again", () => isPressed(page, "#armed"));
     for (const [servo, deflection] of [[2, 1], [7, -1]]) {
-      await setSlider(page, ".output input", deflection, servo);
+      await setSlider(page, ".command input", deflection, servo);
       await until(`the arm of servo ${servo + 1}`, async () => {
         const degrees = await angle(page, servo);
         return degrees !== null && Math.abs(degrees - 45 * deflection) < 2;
@@ -620,9 +722,9 @@ const tests = {
     await page.getByRole("button", { name: "Use four motors" }).click();
     await until("four motors", async () => (await page.locator(".propeller").count()) === 4);
     await until("it is armed again", () => isPressed(page, "#armed"));
-    assert.equal(await page.getByLabel("ESC_RATE").inputValue(), "400");
+    assert.equal(await parameter(page, "ESC_RATE").inputValue(), "400");
     const width = async (motor) => Number.parseFloat(await page.locator(".output strong").nth(motor).innerText());
-    await setSlider(page, ".output input", 0.75, 2);
+    await setSlider(page, ".command input", 0.75, 2);
     await until("the pulse of motor 3", async () => Math.abs((await width(2)) - 1750) < 3);
     const turned = () => page.locator(".propeller").nth(2).getAttribute("transform");
     const before = await turned();
@@ -640,7 +742,7 @@ const tests = {
     await until("four propellers", async () => (await page.locator("#second-outputs .propeller").count()) === 4);
     const widths = () => page.locator("#second-outputs strong").allInnerTexts();
     await until("they turn", async () => (await widths()).every((width) => /^1[1-9]\d\d\.\d µs/.test(width)));
-    await setSlider(page, "#second-outputs input", 0.5, 2);
+    await setSlider(page, "#second-commands input", 0.5, 2);
     await until("the third at half power", async () => /^(149\d|150\d)\.\d µs/.test((await widths())[2]));
     await isRunning(page);
     assert.match(await text(page, "#node-text"), /node 120/);
@@ -662,8 +764,9 @@ const tests = {
     const nodes = () => text(page, "#can-nodes");
     await until("the node's name", async () => /org\.dronecan\.servo328[^\n]*OK/.test(await nodes()));
     await page.getByLabel("Node 120", { exact: true }).click();
+    await page.click("#can-part-parameters");
     await page.click("#can-read");
-    await until("its parameters", () => page.locator("#can-table tr").count());
+    await until("its parameters", () => page.locator("#can-table td").count());
     await page.click("#can-own");
     await until("the bootloader reads", async () => /reading, \d{3,} of \d+ bytes/.test(await text(page, "#can-updates")));
     await until("the update's end", async () => /Node 120: (NOT )?updated/.test(await text(page, "#can-updates")));
@@ -733,14 +836,19 @@ const tests = {
       await page.emulateMedia({ colorScheme });
       await isRunning(page);
       await readParameters(page);
-      await page.click("#previous");
-      await page.click("#run");
       await page.addScriptTag({ path: source });
-      const { violations } = await page.evaluate(() => globalThis.axe.run());
-      const found = violations.flatMap(({ id, nodes }) =>
-        nodes.map(({ target, failureSummary }) => `${id}: ${target}\n${failureSummary}`),
-      );
-      assert.deepEqual(found, [], `${colorScheme}, ${width} pixels`);
+      for (const tab of ["#part-parameters", "#part-more", "#part-bench", "#tab-board", "#tab-bus"]) {
+        await page.click(tab);
+        if (tab === "#part-bench") {
+          await page.click("#previous");
+          await page.click("#run");
+        }
+        const { violations } = await page.evaluate(() => globalThis.axe.run());
+        const found = violations.flatMap(({ id, nodes }) =>
+          nodes.map(({ target, failureSummary }) => `${id}: ${target}\n${failureSummary}`),
+        );
+        assert.deepEqual(found, [], `${tab}, ${colorScheme}, ${width} pixels`);
+      }
       await page.close();
     }
     return open(t);
@@ -789,7 +897,7 @@ const longTests = {
     const page = await open(t);
     await isRunning(page);
     await readParameters(page);
-    const input = page.getByLabel("OUT1_TRIM");
+    const input = parameter(page, "OUT1_TRIM");
     await input.fill("1444");
     await input.press("Enter");
     await until("it is set", async () => /OUT1_TRIM = 1444/.test(await text(page, "#client")));
@@ -805,7 +913,7 @@ const longTests = {
     await monitorHas(page, "the reset", /reset: reset pin/);
     await isRunning(page);
     await readParameters(page);
-    assert.equal(await page.getByLabel("OUT1_TRIM").inputValue(), "1500");
+    assert.equal(await parameter(page, "OUT1_TRIM").inputValue(), "1500");
     return page;
   },
 
@@ -855,6 +963,7 @@ const longTests = {
 async function takePictures(t) {
   mkdirSync(pictures, { recursive: true });
   const page = await tests["a parameter is set, saved, and survives a restart"](t);
+  await page.click("#part-bench");
   await page.click("#fault-cable");
   await until("the failsafe", async () => /failsafe/.test(await text(page, "#marks")));
   await page.click("#end");

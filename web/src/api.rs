@@ -241,6 +241,11 @@ impl Simulation {
         self.0.snapshot()
     }
 
+    /// What is wired to what, a JSON object.
+    pub fn wiring(&mut self) -> String {
+        self.0.wiring()
+    }
+
     /// What happened since the last call, a JSON array.
     pub fn take_events(&mut self) -> String {
         self.0.take_events()
@@ -355,6 +360,19 @@ impl Simulation {
     /// Sets a parameter that has whole numbers.
     pub fn set_parameter(&mut self, name: &str, value: f64) {
         self.0.world().client.dialogue.set(name, Value::Integer(value as i64));
+    }
+
+    /// Sets the parameters that differ in a file.
+    ///
+    /// # Errors
+    /// If the file has no parameters, or the node has not answered yet.
+    pub fn load_parameters(&mut self, file: &str) -> Result<(), String> {
+        self.0.world().client.dialogue.load(file, Vec::new())
+    }
+
+    /// A file with the parameters that were read.
+    pub fn parameter_file(&mut self) -> String {
+        self.0.world().client.dialogue.file("Parameters of the simulated node")
     }
 
     /// Saves the parameters.
@@ -475,7 +493,7 @@ impl RealBus {
     ///
     /// # Errors
     /// If the text is no value of the parameter.
-    pub fn set_parameter(&mut self, name: &str, text: &str) -> Result<(), String> {
+    pub fn write_parameter(&mut self, name: &str, text: &str) -> Result<(), String> {
         self.0.set_parameter(name, text)
     }
 

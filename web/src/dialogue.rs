@@ -210,7 +210,7 @@ impl Dialogue {
     }
 
     fn answer(&mut self, message: Message, answer: Message) {
-        self.message = answer.to_string();
+        self.message = in_words(&message, &answer);
         match (message, answer) {
             (Message::ParameterRequest(request), Message::ParameterResponse(response)) => {
                 self.take_parameter(&request, response);
@@ -273,6 +273,26 @@ impl Dialogue {
             "parameters": parameters.collect::<Json>(),
         })
     }
+}
+
+/// What an answer means to the user.
+fn in_words(request: &Message, answer: &Message) -> String {
+    let (done, what) = match (request, answer) {
+        (_, Message::ParameterResponse(parameter)) => {
+            return format!("{} = {}", parameter.name(), parameter.value);
+        }
+        (_, Message::NodeInfo(info)) => return format!("{}, reading", info.name()),
+        (Message::ExecuteOpcode(Opcode::SAVE), Message::OpcodeExecuted(done)) => {
+            (done, "saved: the node keeps its parameters without power")
+        }
+        (Message::ExecuteOpcode(_), Message::OpcodeExecuted(done)) => {
+            (done, "erased: the node has its defaults, and keeps them")
+        }
+        (_, Message::Restarting(done)) => (done, "the node restarts"),
+        _ => return answer.to_string(),
+    };
+    let refused = "the node refused: disarm the vehicle, then press again";
+    String::from(if *done { what } else { refused })
 }
 
 fn read(index: u16) -> Message {
@@ -364,6 +384,20 @@ mod tests {
         answer(&mut dialogue, |_| String::from("SAME"));
         assert_eq!(dialogue.message, "the node tells SAME twice: not read on");
         assert!(!dialogue.is_busy());
+    }
+
+    /// What is said of a request is for a user, who may have to disarm.
+    #[test]
+    fn the_answer_to_a_save_is_in_words() {
+        let said = |opcode, done| {
+            in_words(&Message::ExecuteOpcode(opcode), &Message::OpcodeExecuted(done))
+        };
+        assert!(said(Opcode::SAVE, true).starts_with("saved: "));
+        assert!(said(Opcode::ERASE, true).starts_with("erased: "));
+        assert_eq!(
+            said(Opcode::ERASE, false),
+            "the node refused: disarm the vehicle, then press again"
+        );
     }
 
     #[test]

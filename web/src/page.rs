@@ -17,13 +17,13 @@ use bench::fault::{ALL, Fault};
 use bench::mcp2515::Fate;
 use bench::node_ids::{self, CAN_NODE};
 use bench::script;
-use bench::wiring::Wiring;
+use bench::wiring::{Pin, Wiring};
 use bench::{Cycles, F_CPU_HZ, elapsed, vendor_code};
 use serde_json::{Value as Json, json};
 
 use crate::bits::Ack;
 use crate::spi::Transaction;
-use crate::traffic::{Described, describe, wire};
+use crate::traffic::{Described, describe, seconds, wire};
 use crate::world::{Happened, World};
 
 /// Frames, and transactions on the SPI, whose details the page can ask for.
@@ -164,6 +164,27 @@ impl Page {
         }
     }
 
+    /// What is wired to what, a JSON object: the pin of each signal, and what each board is.
+    pub fn wiring(&mut self) -> String {
+        let wiring = self.world.board().wiring();
+        let pin = |pin: Option<Pin>| pin.map(|pin| pin.to_string());
+        let shield = boards::find("shields", &wiring.shield);
+        json!({
+            "text": wiring.to_string(),
+            "board": wiring.board_title(),
+            "chip": wiring.chip.to_string(),
+            "shield": wiring.shield_title(),
+            "is_wired": shield.is_none_or(|entry| entry.get("is_wired").is_some()),
+            "crystal_mhz": wiring.crystal_mhz,
+            "cs": wiring.cs.to_string(),
+            "int": wiring.int.to_string(),
+            "sensor": wiring.sensor.to_string(),
+            "light": pin(wiring.light),
+            "button": pin(wiring.button),
+        })
+        .to_string()
+    }
+
     /// Replaces the autopilot.
     ///
     /// # Errors
@@ -282,33 +303,24 @@ impl Page {
         let RecordKind::ErrorFrame { kind, .. } = record.kind else { return };
         let kind = kind.map_or(String::new(), |kind| format!(": {kind:?} error"));
         let text = format!("error frame{}", kind.to_lowercase());
-        self.push(record, from.unwrap_or_else(|| String::from("-")), text, "error", None);
+        let described = Described { text, kind: "error", name: None, decoded: None };
+        self.push(record, from.unwrap_or_else(|| String::from("-")), described);
     }
 
     fn show_frame(&mut self, record: Record, from: String, is_node: bool) {
         let RecordKind::Frame { frame, .. } = record.kind else { return };
-        let Described { text, kind, name, decoded } =
-            describe(&mut self.observer, &frame, elapsed(record.end));
-        if is_node && let Some(decoded) = decoded {
-            self.take_measurement(record.end, &decoded);
+        let described = describe(&mut self.observer, &frame, elapsed(record.end));
+        if is_node && let Some(decoded) = &described.decoded {
+            self.take_measurement(record.end, decoded);
         }
-        self.push(record, from, text, kind, name);
+        self.push(record, from, described);
     }
 
-    fn push(
-        &mut self,
-        record: Record,
-        from: String,
-        text: String,
-        kind: &str,
-        name: Option<String>,
-    ) {
+    fn push(&mut self, record: Record, from: String, described: Described) {
         let number = self.next_number;
         self.next_number += 1;
-        self.events.push(json!({
-            "kind": "frame", "number": number, "frame": kind, "from": from, "text": text,
-            "name": name, "start": seconds(record.start), "end": seconds(record.end),
-        }));
+        self.events.push(described.event(number, &from, &record));
+        let Described { text, .. } = described;
         self.frames.push_back(Shown { number, record, from, text, fetched_at: None });
         if self.frames.len() > KEPT {
             self.frames.pop_front();
@@ -389,9 +401,6 @@ impl Page {
             "outputs": outputs,
             "second": second,
             "light": board.light(),
-            "has_light": board.wiring().light.is_some(),
-            "has_button": board.wiring().button.is_some(),
-            "board": board.wiring().to_string(),
             "sensor_c": sensor_c,
             "node_c": self.temperature_c,
             "node": node,
@@ -506,7 +515,6 @@ impl Page {
         json!({
             "id": self.world.client.node().get(),
             "silent_s": seconds(now.saturating_sub(at)),
-            "text": status.to_string(),
             "health": status.health.to_string(),
             "mode": status.mode.to_string(),
             "uptime_s": status.uptime_s,
@@ -573,10 +581,6 @@ pub fn four_motors() -> String {
 /// Event that marks a time in the plots and on the time line.
 fn mark(at: Cycles, text: &str) -> Json {
     json!({"kind": "mark", "at": seconds(at), "text": text})
-}
-
-fn seconds(cycles: Cycles) -> f64 {
-    cycles as f64 / F_CPU_HZ as f64
 }
 
 /// Width of the last pulse in microseconds; `None` if there is none any more.

@@ -2,9 +2,10 @@
 
 use std::time::Duration;
 
-use bench::can::{Frame, Id};
+use bench::can::{Frame, Id, Record};
 use bench::dronecan::text::visible;
-use bench::dronecan::{CanId, DataType, Decoded, Dialect, Observation, Observer};
+use bench::dronecan::{CanId, DataType, Decoded, Dialect, Message, Observation, Observer};
+use bench::{Cycles, F_CPU_HZ};
 use serde_json::{Value as Json, json};
 
 use crate::bits::{Ack, Bits};
@@ -12,6 +13,10 @@ use crate::meaning::meaning;
 
 /// Longest text of a frame, in characters: that of a transfer of 70 bytes that is not decoded.
 const TEXT_MAX: usize = 240;
+/// What a status without a vendor-specific code says of it.
+const NO_CODE: &str = " vendor 0x0000";
+/// Levels of LogMessage.
+const LEVELS: [&str; 4] = ["DEBUG", "INFO", "WARNING", "ERROR"];
 
 /// A frame in words.
 pub struct Described {
@@ -22,6 +27,32 @@ pub struct Described {
     pub name: Option<String>,
     /// The transfer that the frame completes.
     pub decoded: Option<Decoded>,
+}
+
+impl Described {
+    /// What the page is told of the frame, a JSON object.
+    pub fn event(&self, number: u64, from: &str, record: &Record) -> Json {
+        let mut event = json!({
+            "kind": "frame", "number": number, "frame": self.kind, "from": from,
+            "text": self.text, "name": self.name,
+            "start": seconds(record.start), "end": seconds(record.end),
+        });
+        if let Some(Decoded::V0(transfer, Message::LogMessage(message))) = &self.decoded {
+            let text = |bytes: &[u8]| shown(&String::from_utf8_lossy(bytes), TEXT_MAX);
+            event["log"] = json!({
+                "node": transfer.id.source().map(|node| node.get()),
+                "level": LEVELS.get(usize::from(message.level)).unwrap_or(&"ERROR"),
+                "source": text(&message.source),
+                "text": text(&message.text),
+            });
+        }
+        event
+    }
+}
+
+/// A time for the page.
+pub fn seconds(cycles: Cycles) -> f64 {
+    cycles as f64 / F_CPU_HZ as f64
 }
 
 /// Describes the next frame of a bus, which ended at `at`.
@@ -39,7 +70,10 @@ pub fn describe(observer: &mut Observer, frame: &Frame, at: Duration) -> Describ
     };
     match observer.push(id, frame.data(), at) {
         Observation::Complete(decoded) => Described {
-            text: shown(&format!("{}: {decoded}", decoded.endpoints()), TEXT_MAX),
+            text: shown(
+                &format!("{}: {decoded}", decoded.endpoints()).replace(NO_CODE, ""),
+                TEXT_MAX,
+            ),
             kind: "transfer",
             name: Some(decoded.name()),
             decoded: Some(decoded),

@@ -11,7 +11,7 @@ use bench::{Cycles, F_CPU_HZ, elapsed};
 use serde_json::{Value as Json, json};
 
 use crate::bits::Ack;
-use crate::traffic::{Described, describe, wire};
+use crate::traffic::{Described, describe, seconds, wire};
 
 /// Frames whose details the page can ask for, and that it can be told of at once.
 const KEPT: usize = 4096;
@@ -101,13 +101,10 @@ impl Frames {
     fn push(&mut self, frame: &Frame, record: Record, own: Option<&str>) -> Option<Decoded> {
         let number = self.count;
         self.count += 1;
-        let Described { text, kind, name, decoded } =
-            describe(&mut self.observer, frame, elapsed(record.end));
-        let from = own.map_or_else(|| sender(frame, decoded.as_ref()), String::from);
-        self.events.push_back(json!({
-            "kind": "frame", "number": number, "frame": kind, "from": from, "text": text,
-            "name": name, "start": seconds(record.start), "end": seconds(record.end),
-        }));
+        let described = describe(&mut self.observer, frame, elapsed(record.end));
+        let from = own.map_or_else(|| sender(frame, described.decoded.as_ref()), String::from);
+        self.events.push_back(described.event(number, &from, &record));
+        let Described { text, decoded, .. } = described;
         let dialect = decoded.as_ref().map(Decoded::dialect).unwrap_or_default();
         self.kept.push_back(Shown { number, record, from, text, dialect });
         self.logged.push_back(record);
@@ -222,10 +219,6 @@ fn limit<T>(queue: &mut VecDeque<T>, max: usize) {
 
 fn cycles_at(time: Duration) -> Cycles {
     (time.as_nanos() * u128::from(F_CPU_HZ) / 1_000_000_000) as Cycles
-}
-
-fn seconds(cycles: Cycles) -> f64 {
-    cycles as f64 / F_CPU_HZ as f64
 }
 
 #[cfg(test)]

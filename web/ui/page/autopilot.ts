@@ -28,8 +28,8 @@ export class Autopilot {
       this.world.simulation.hold_motor(motor, command);
     }
   };
-  private readonly outputs = new Outputs(byId("outputs"), this.hold);
-  private readonly second = new Outputs(byId("second-outputs"), this.hold);
+  private readonly outputs = new Outputs(byId("outputs"), byId("commands"), this.hold);
+  private readonly second = new Outputs(byId("second-outputs"), byId("second-commands"), this.hold);
 
   constructor(private readonly world: World) {
     this.pattern.addEventListener("change", () => world.simulation.set_autopilot(this.pattern.value));

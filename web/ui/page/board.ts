@@ -1,44 +1,56 @@
-// The simulated board's sensor, light, button and supply.
+// The simulated board: its picture, its sensor, its light and its button.
 
 import { byId, onClick, setPressed, setText } from "./dom";
-import type { Snapshot } from "./types";
+import { Picture } from "./picture";
+import type { FrameDetail, Snapshot, Wiring } from "./types";
 import type { World } from "./world";
 
 export class BoardView {
   private readonly temperature = byId<HTMLInputElement>("temperature");
   private readonly brightness = byId<HTMLInputElement>("brightness");
+  private readonly picture: Picture;
 
   constructor(private readonly world: World) {
     const { temperature, brightness } = this;
     temperature.addEventListener("input", () => world.simulation.set_temperature(Number(temperature.value)));
     brightness.addEventListener("input", () => world.simulation.set_light(Number(brightness.value)));
     onClick("reset", () => world.simulation.inject("reset"));
-    this.listenToButton();
+    this.picture = new Picture((fault) => world.simulation.inject(fault));
   }
 
-  begin(snapshot: Snapshot) {
+  begin() {
+    const wiring: Wiring = JSON.parse(this.world.simulation.wiring());
     this.temperature.value = "20";
     this.brightness.value = "0";
-    setText(byId("wiring"), snapshot.board);
-    byId("button").hidden = !snapshot.has_button;
-    byId("light-box").hidden = !snapshot.has_light;
+    setText(byId("wiring"), wiring.text);
+    byId("light-box").hidden = wiring.light === null;
+    this.picture.begin(wiring);
+    if (wiring.button !== null) {
+      this.listenToButton(byId("button"));
+    }
   }
 
-  show({ sensor_c, light }: Snapshot) {
+  show(snapshot: Snapshot) {
+    const { sensor_c, light } = snapshot;
     setText(byId("sensor"), `${sensor_c.toFixed(1)} °C`);
     this.temperature.setAttribute("aria-valuetext", `${sensor_c.toFixed(1)} °C`);
-    byId("light").style.setProperty("--duty", String(light));
     setText(byId("light-text"), `${Math.round(light * 100)} %`);
+    this.picture.show(snapshot);
   }
 
-  private listenToButton() {
-    const button = byId("button");
+  /** Shows the way of the frame that is chosen. */
+  carry(frame: FrameDetail | null) {
+    this.picture.carry(frame);
+  }
+
+  private listenToButton(button: HTMLElement) {
     const press = (pressed: boolean) => () => {
       setPressed(button, pressed);
       this.world.simulation.press_button(pressed);
     };
     const byKey = (act: () => void) => (event: KeyboardEvent) => {
       if (event.key === " " || event.key === "Enter") {
+        event.preventDefault();
         act();
       }
     };

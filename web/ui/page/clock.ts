@@ -21,12 +21,21 @@ export class Clock {
   private rate = 1;
   private isBehind = false;
   private speed = { at: 0, simulated: 0, factor: 1 };
+  /** Time of the bit that is marked, in seconds; null without one. */
+  private bitAt: number | null = null;
 
-  constructor(private readonly world: World) {
+  /** `showsFrame` shows the newest frame, and marks none of its bits; `nextBit` marks the next bit of
+   * the chosen frame, and returns its time, or null after the last. */
+  constructor(
+    private readonly world: World,
+    private readonly showFrame: () => void,
+    private readonly nextBit: () => number | null,
+  ) {
     onClick("run", () => {
       this.isRunning = !this.isRunning;
       setText(byId("run"), this.isRunning ? "Pause" : "Run");
       byId("steps").hidden = this.isRunning;
+      this.bitAt = null;
       this.synchronise();
     });
     onClick("step-frame", () => this.stepFrame());
@@ -77,25 +86,32 @@ export class Clock {
   }
 
   show() {
-    const factor = this.speed.factor.toFixed(2);
-    const paused = this.isRunning ? "" : "paused, ";
-    const late = this.isRunning && this.isBehind ? ": this machine cannot keep up" : "";
-    setText(byId("speed"), `${paused}${this.world.snapshot.now.toFixed(1)} s, ${factor} × real time${late}`);
+    const { now } = this.world.snapshot;
+    const late = this.isBehind ? ": too slow here" : "";
+    const running = `${now.toFixed(1)} s, ${this.speed.factor.toFixed(2)} ×${late}`;
+    setText(byId("speed"), this.isRunning ? running : `paused, ${(this.bitAt ?? now).toFixed(6)} s`);
   }
 
+  /** The next bit of the chosen frame; after its last the first one of the next frame. */
   private stepBit() {
-    const { simulation, snapshot } = this.world;
-    simulation.advance(simulation.now() + (CYCLES_PER_MS * 1000) / snapshot.bit_rate);
+    this.bitAt = this.nextBit();
+    if (this.bitAt === null) {
+      this.stepFrame();
+      this.bitAt = this.nextBit();
+    }
   }
 
   /** Simulates up to the end of the next frame on the bus. */
   private stepFrame() {
     const { simulation } = this.world;
     const frames = simulation.frames();
+    const bit = (CYCLES_PER_MS * 1000) / this.world.snapshot.bit_rate;
     const end = simulation.now() + STEP_MS * CYCLES_PER_MS;
+    this.bitAt = null;
     while (simulation.now() < end) {
-      this.stepBit();
+      simulation.advance(simulation.now() + bit);
       if (simulation.frames() > frames) {
+        this.showFrame();
         return;
       }
     }

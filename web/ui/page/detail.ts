@@ -27,25 +27,51 @@ function hex(bytes: number[]) {
 export class Detail {
   private readonly element: HTMLElement;
   private readonly scope: HTMLCanvasElement;
+  private frame: FrameDetail | null = null;
+  /** Index of the bit that is marked; -1 for none. */
+  private marked = -1;
 
-  /** `prefix` begins the IDs of its elements. */
-  constructor(private readonly prefix: string) {
+  /** `prefix` begins the IDs of its elements. `note` is for a bus of which no SPI is known. */
+  constructor(
+    private readonly prefix: string,
+    note: string,
+  ) {
+    setText(byId(`${prefix}spi`), note);
     this.element = byId(`${prefix}detail`);
     this.scope = byId<HTMLCanvasElement>(`${prefix}scope`);
   }
 
-  hide() {
-    this.element.hidden = true;
-  }
-
-  show(detail: FrameDetail) {
-    this.element.hidden = false;
+  show(detail: FrameDetail | null) {
+    this.frame = detail;
+    this.marked = -1;
+    this.element.hidden = detail === null;
+    if (detail === null) {
+      return;
+    }
     const length = detail.length_us.toFixed(0);
     const title = `${detail.time}, ${detail.from}: ${detail.text}`;
     setText(byId(`${this.prefix}frame-title`), `${title} (${detail.count} bits, ${length} µs)`);
     this.drawBits(detail);
+    setText(byId(`${this.prefix}bit`), "");
     this.listFields(detail);
     this.describeSpi(detail);
+  }
+
+  /** Marks the next bit. Returns its time in seconds; null after the last, or without a frame. */
+  nextBit() {
+    const { frame } = this;
+    if (!frame?.wire || this.marked + 1 >= frame.wire.bits.length) {
+      return null;
+    }
+    this.marked++;
+    this.drawBits(frame);
+    const { parentElement } = this.scope;
+    parentElement!.scrollLeft = this.marked * BIT_WIDTH - parentElement!.clientWidth / 2;
+    const [level, isStuff, field] = frame.wire.bits[this.marked];
+    const kind = isStuff ? "stuff bit" : frame.wire.fields[field][0];
+    const name = level === null ? "not known" : level === 0 ? "dominant" : "recessive";
+    setText(byId(`${this.prefix}bit`), `Bit ${this.marked + 1} of ${frame.wire.bits.length}: ${kind}, ${name}`);
+    return Number.parseFloat(frame.time) + (this.marked * frame.length_us) / frame.count / 1e6;
   }
 
   private drawBits({ wire, text }: FrameDetail) {
@@ -81,6 +107,11 @@ export class Detail {
         }
       }
     });
+    if (this.marked >= 0) {
+      context.strokeStyle = colour("error");
+      context.lineWidth = 2;
+      context.strokeRect(10 + this.marked * BIT_WIDTH, HIGH - 12, BIT_WIDTH, LOW - HIGH + 24);
+    }
     context.strokeStyle = ink;
     context.lineWidth = 1.6;
     context.fillStyle = ink;
@@ -124,13 +155,14 @@ export class Detail {
     if (spi === undefined) {
       return;
     }
+    const said = byId(`${this.prefix}spi`);
     if (!spi) {
       const sent = from === "node" ? "The node sent this frame." : "The node did not fetch this frame";
       const why = from === "node" ? "" : ": a filter rejected it, or it is not fetched yet.";
-      setText(byId("spi"), sent + why);
+      setText(said, sent + why);
       return;
     }
-    byId("spi").replaceChildren(
+    said.replaceChildren(
       `The node fetched it ${spi.after_us.toFixed(1)} µs after its last bit with ${spi.name}, in ` +
         `${spi.took_us.toFixed(1)} µs. MOSI `,
       make("code", { textContent: hex(spi.mosi) }),

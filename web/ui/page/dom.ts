@@ -43,6 +43,20 @@ export function make<K extends keyof HTMLElementTagNameMap>(
   return element;
 }
 
+/** Attributes that have the IDs of other elements. */
+const REFERENCES = ["id", "aria-labelledby", "aria-controls"];
+
+/** Puts a copy of a template of index.html into an element. `prefix` begins the IDs of the copy. */
+export function mount(template: string, parent: HTMLElement, prefix: string) {
+  const copy = byId<HTMLTemplateElement>(template).content.cloneNode(true) as DocumentFragment;
+  for (const name of REFERENCES) {
+    for (const element of copy.querySelectorAll(`[${name}]`)) {
+      element.setAttribute(name, prefix + element.getAttribute(name));
+    }
+  }
+  parent.append(copy);
+}
+
 /** Has the browser save a file. */
 export function download(name: string, data: BlobPart) {
   const url = URL.createObjectURL(new Blob([data]));

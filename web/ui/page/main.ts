@@ -17,7 +17,7 @@ const simulated = new SimulatedView();
 const realBoard = new RealBoard();
 const realBus = new RealBusView(new SimulatedPort(() => simulated.simulation));
 const views = new Views();
-new Tour();
+new Tour(simulated);
 
 /** Files that are dropped go to the view on the screen. */
 function listenToFiles() {

@@ -13,7 +13,7 @@ export class NodeView {
     setText(health, isSilent ? "silent" : node.health);
     health.className = isSilent ? "badge" : `badge ${node.health}`;
     const silence = node ? `, last heard ${node.silent_s.toFixed(0)} s ago` : "not heard yet";
-    const about = node ? `node ${node.id}: ${node.text}` : "";
+    const about = node ? `node ${node.id}: ${node.mode}, up ${node.uptime_s} s` : "";
     setText(byId("node-text"), isSilent ? about + silence : about);
     this.list(node?.conditions ?? []);
     const { mode, error_state, tec, rec, lost, worst_us } = controller;

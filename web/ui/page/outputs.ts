@@ -1,5 +1,5 @@
-// The outputs: servos whose arms follow the measured pulse, and motors whose propellers do; with a
-// slider for each command.
+// The outputs: servos whose arms follow the measured pulse, and motors whose propellers do; and a
+// slider for the command of each.
 
 import { make, setText } from "./dom";
 import type { Output } from "./types";
@@ -35,6 +35,8 @@ export type Hold = (output: number, motor: number | null, command: number) => vo
 
 class Actuator {
   readonly element: HTMLElement;
+  /** The slider with its label. */
+  readonly control: HTMLElement;
   private readonly moving: SVGElement;
   private readonly width = make("strong");
   private readonly slider: HTMLInputElement;
@@ -45,8 +47,8 @@ class Actuator {
     this.element = make("div", { className: "output", innerHTML: picture });
     this.moving = this.element.querySelector<SVGElement>(".arm, .propeller")!;
     this.slider = make("input", { type: "range", min, max: "1", step: "0.01", value: "0" });
-    const label = make("label", {}, `${name} ${index + 1}`, this.slider);
-    this.element.append(make("div", {}, `${pin} `, this.width), label);
+    this.control = make("label", { className: "command" }, `${name} ${index + 1} `, this.slider);
+    this.element.append(make("div", {}, `${pin} `, this.width));
     this.slider.addEventListener("input", () => hold(index + 1, motor, Number(this.slider.value)));
   }
 
@@ -80,6 +82,7 @@ export class Outputs {
 
   constructor(
     private readonly parent: HTMLElement,
+    private readonly controls: HTMLElement,
     private readonly hold: Hold,
   ) {}
 
@@ -92,6 +95,7 @@ export class Outputs {
       this.drawn = drawn;
       this.actuators = shown.map((output, index) => new Actuator(index, output, this.hold));
       this.parent.replaceChildren(...this.actuators.map((actuator) => actuator.element));
+      this.controls.replaceChildren(...this.actuators.map((actuator) => actuator.control));
       this.parent.classList.toggle("one", shown.length === 1);
     }
     shown.forEach((output, index) => this.actuators[index].show(output));

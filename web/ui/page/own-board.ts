@@ -16,11 +16,39 @@ const LABELS: Record<string, string> = {
   bit_rate: "Bit rate",
 };
 
+/** An option of `sim` in a hint, with or without its value. */
+const OPTION = / \(--([a-z-]+)(?: (\w+))?\)/g;
+
+/** A choice that mends what a hint is about. */
+export interface Cure {
+  name: string;
+  value: string;
+  /** What it does, in words. */
+  title: string;
+}
+
+/** A hint of the simulator without the options of its command line, and what mends it. */
+export function explain(hint: string): { text: string; cure: Cure | null } {
+  let cure: Cure | null = null;
+  const text = hint.replaceAll(OPTION, (_, option: string, value?: string) => {
+    const name = option.replace("-", "_");
+    if (value === undefined) {
+      return ` ("${LABELS[name]}" above)`;
+    }
+    cure = { name, value, title: `Wire ${LABELS[name]} to ${value}` };
+    return "";
+  });
+  return { text, cure };
+}
+
 export class OwnBoard {
   private readonly selects = new Map<string, HTMLSelectElement>();
   private readonly element = byId("own");
 
-  constructor(choices: Choices, changed: () => void) {
+  constructor(
+    choices: Choices,
+    private readonly changed: () => void,
+  ) {
     for (const [name, label] of Object.entries(LABELS)) {
       const options = choices[name].map(([value, title]) => new Option(title, value));
       const select = make("select", { id: `own-${name}` }, new Option("as the file", ""), ...options);
@@ -35,6 +63,12 @@ export class OwnBoard {
     this.element.hidden = wiring === null;
     const chosen = JSON.parse(wiring || "{}") as Record<string, string>;
     this.selects.forEach((select, name) => (select.value = chosen[name] ?? ""));
+  }
+
+  /** Chooses what mends a mistake. */
+  mend({ name, value }: Cure) {
+    this.selects.get(name)!.value = value;
+    this.changed();
   }
 
   /** Asks for a choice. */

@@ -3,7 +3,7 @@
 import { byId } from "./dom";
 import { keep } from "./eeprom";
 import { type Link, fromHash } from "./link";
-import { OwnBoard, type Choices } from "./own-board";
+import { type Choices, type Cure, OwnBoard } from "./own-board";
 import { type Choice, PROGRAMS } from "./programs";
 import type { World } from "./world";
 
@@ -61,6 +61,11 @@ export class ProgramChoice {
     }
     select.selectedIndex = index < 0 ? PROGRAMS.length : index;
     this.ownBoard.show(current.wiring ?? null);
+  }
+
+  /** Wires the board of the user's program anew. */
+  mend(cure: Cure) {
+    this.ownBoard.mend(cure);
   }
 
   /** A HEX file does not say its chip. */

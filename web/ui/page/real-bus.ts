@@ -2,12 +2,13 @@
 
 import { RealBus } from "pkg/web.js";
 import boards from "boards.json";
-import { Detail } from "./detail";
+import { BusPanel } from "./bus-panel";
 import { byId, download, make, setText } from "./dom";
 import { Parameters } from "./parameters";
 import { Port, choosePort, findAgain, whyNoPorts } from "./ports";
 import { SimulatedPort } from "./simulated-port";
-import { type Lane, Timeline } from "./timeline";
+import { Tabs } from "./tabs";
+import type { Lane } from "./timeline";
 import type { BusNode, BusSnapshot, BusUpdate, FrameEvent } from "./types";
 
 const OWNER = "Real bus";
@@ -32,6 +33,10 @@ const GARBAGE =
   "This is not an SLCAN adapter, or its port has another baud rate: disconnect, and choose another port, or another rate beside \"Its port\".";
 /** So many lines that are not SLCAN, and no frame, are no adapter. */
 const GARBAGE_LINES = 3;
+/** What SLCAN leaves out. */
+const NOTE =
+  "SLCAN tells identifier, length and data; the other bits and the duration follow from them. It does not tell ACK, " +
+  "error frames, repetitions, nor when a frame was on the bus: the time is that of arrival here, for one frame after the other.";
 /** Lanes of the time line besides those of this page and of all others. */
 const NODE_LANES = 4;
 
@@ -59,9 +64,8 @@ function duration(seconds: number) {
 export class RealBusView {
   private readonly view = byId("view-bus");
   private readonly bus = new RealBus();
-  private readonly detail = new Detail(PREFIX);
-  private readonly timeline = new Timeline(PREFIX, [], null, (number) => this.showFrame(number));
-  private readonly parameters = new Parameters(PREFIX, (name, text) => this.bus.set_parameter(name, text));
+  private readonly frames = new BusPanel(PREFIX, [], null, (number) => this.bus.frame(number), undefined, NOTE);
+  private readonly parameters = new Parameters(PREFIX, () => this.bus, () => `node-${this.chosen?.id}`);
   private readonly nodes = new Map<number, NodeRow>();
   private readonly updates = new Map<number, UpdateRow>();
   private readonly bitRate = byId<HTMLSelectElement>("can-rate");
@@ -73,13 +77,13 @@ export class RealBusView {
   private begun = 0;
   private drawnAt = 0;
   private chosen: BusNode | null = null;
-  private problems = "";
   /** What the adapter is told at the end. */
   private farewell: Uint8Array | null = null;
 
   constructor(private readonly simulated: SimulatedPort) {
     this.bitRate.append(...BIT_RATES.map((rate) => new Option(`${rate} kbit/s`, String(rate * 1000))));
     this.baud.append(...BAUDS.map((rate) => new Option(`${rate} baud`, String(rate))));
+    new Tabs("can-parts");
     this.listen();
     const why = whyNoPorts();
     this.say(why ?? IDLE, why !== null);
@@ -111,6 +115,10 @@ export class RealBusView {
     const status = byId("can-status");
     setText(status, text);
     status.classList.toggle("wrong", isError);
+  }
+
+  private sayOfUpdate(text: string) {
+    setText(byId("can-update-status"), text);
   }
 
   // ---- the adapter ----
@@ -175,8 +183,7 @@ export class RealBusView {
   }
 
   private forget() {
-    this.timeline.clear();
-    this.detail.hide();
+    this.frames.clear();
     this.parameters.clear();
     this.nodes.clear();
     byId("can-nodes").replaceChildren();
@@ -187,10 +194,11 @@ export class RealBusView {
 
   private show(snapshot: BusSnapshot) {
     for (const event of JSON.parse(this.bus.take_events()) as FrameEvent[]) {
-      this.timeline.add(event);
+      this.frames.add(event);
     }
-    this.timeline.lanes = this.lanes(snapshot);
-    this.timeline.draw(snapshot.now);
+    const { state, load, bit_rate } = snapshot;
+    this.frames.setLanes(this.lanes(snapshot));
+    this.frames.draw(snapshot.now, state === "open" ? `${(load * 100).toFixed(1)} % of ${bit_rate / 1000} kbit/s` : "");
     this.showState(snapshot);
     this.showNodes(snapshot.nodes);
     this.showChosen(snapshot);
@@ -207,14 +215,13 @@ export class RealBusView {
   }
 
   private showState(snapshot: BusSnapshot) {
-    const { state, trouble, own_id, listens_first, bit_rate, load } = snapshot;
+    const { state, trouble, own_id, listens_first, bit_rate } = snapshot;
     const rate = bit_rate / 1000;
     const connect = byId<HTMLButtonElement>("can-connect");
     setText(connect, this.isConnected ? "Disconnect" : "Connect");
     connect.disabled = !this.isConnected && whyNoPorts() !== null;
     byId<HTMLButtonElement>("can-simulated").disabled = this.isConnected;
     this.bitRate.disabled = this.baud.disabled = this.isConnected;
-    setText(byId("can-load"), state === "open" ? `${(load * 100).toFixed(1)} % of ${rate} kbit/s` : "");
     const counters: [number, string][] = [
       [snapshot.received, "frames received"],
       [snapshot.sent, "sent"],
@@ -299,28 +306,13 @@ export class RealBusView {
     const about = node?.conditions.length ? `: ${node.conditions.join(", ")}` : "";
     setText(byId("can-chosen"), node ? `Node ${node.id} ${node.name ?? ""}${about}` : "Choose a node in the table.");
     const isUsable = state === "open" && node !== null && node.dialect === "v0";
-    for (const id of ["can-read", "can-save", "can-erase", "can-restart"]) {
-      byId<HTMLButtonElement>(id).disabled = !isUsable;
-    }
     const isUpdated = updates.some((update) => update.node === chosen && update.runs);
     byId<HTMLInputElement>("can-file").disabled = !isUsable || isUpdated;
     byId<HTMLButtonElement>("can-own").disabled = !isUsable || isUpdated;
-    const isBusy = client?.busy ?? false;
-    byId<HTMLInputElement>("can-from-file").disabled = !isUsable || isBusy;
-    byId<HTMLButtonElement>("can-to-file").disabled = isBusy || !client?.parameters.length;
-    this.showProblems(client?.problems ?? []);
     if (client) {
       this.parameters.show(client, node?.is_ours ?? false);
     }
-  }
-
-  /** What of a file the node has not. */
-  private showProblems(problems: string[]) {
-    const shown = problems.join("\n");
-    if (shown !== this.problems) {
-      this.problems = shown;
-      byId("can-problems").replaceChildren(...problems.map((textContent) => make("li", { textContent })));
-    }
+    this.parameters.enable(isUsable, client?.busy ?? false);
   }
 
   private showUpdates(updates: BusUpdate[]) {
@@ -349,22 +341,13 @@ export class RealBusView {
     return row;
   }
 
-  private showFrame(number: number) {
-    try {
-      this.detail.show(JSON.parse(this.bus.frame(number)));
-    } catch {
-      // It is too old.
-      this.detail.hide();
-    }
-  }
-
   // ---- what the user asks for ----
 
   private update(node: BusNode, name: string, bytes: Uint8Array) {
     try {
       this.bus.update(node.id, bytes, this.now());
     } catch (error) {
-      setText(byId("can-client"), `${name}: ${String(error)}`);
+      this.sayOfUpdate(`${name}: ${String(error)}`);
     }
   }
 
@@ -373,7 +356,7 @@ export class RealBusView {
     const { chosen: node } = this;
     if (node?.hardware === null) {
       this.bus.ask_names();
-      setText(byId("can-client"), "The page asks the node what it is. Press again when its version is in the table.");
+      this.sayOfUpdate("The page asks the node what it is. Press again when its version is in the table.");
     } else if (node) {
       const known = Object.entries(boards.files).filter(([key]) => UPDATABLE.includes(key.split(" ")[2]));
       for (const name of new Set(known.map(([, name]) => name))) {
@@ -384,7 +367,7 @@ export class RealBusView {
           return;
         }
       }
-      setText(byId("can-client"), `The page has no program for node ${node.id} with hardware ${node.hardware}.`);
+      this.sayOfUpdate(`The page has no program for node ${node.id} with hardware ${node.hardware}.`);
     }
   }
 
@@ -408,29 +391,10 @@ export class RealBusView {
     click("can-other", () => connect(true));
     click("can-send", () => this.bus.allow_sending(this.now()));
     click("can-names", () => this.bus.ask_names());
-    click("can-read", () => {
-      this.parameters.clear();
-      this.bus.read_parameters();
-    });
-    click("can-save", () => this.bus.save_parameters());
-    click("can-erase", () => this.bus.erase_parameters());
-    click("can-restart", () => this.bus.restart());
-    click("can-to-file", () => download(`node-${this.chosen?.id}.parm`, this.bus.parameter_file()));
     click("can-candump", () => download("bus.log", this.bus.candump() as BlobPart));
     click("can-pcap", () => download("bus.pcap", this.bus.pcap() as BlobPart));
     click("can-own", () => {
-      this.updateToOwn().catch(() => setText(byId("can-client"), "The page's server does not give its programs."));
-    });
-    const from = byId<HTMLInputElement>("can-from-file");
-    from.addEventListener("change", () => {
-      void from.files?.[0]?.text().then((text) => {
-        try {
-          this.bus.load_parameters(text);
-        } catch (error) {
-          setText(byId("can-client"), `Nothing was set: ${String(error)}.`);
-        }
-      });
-      from.value = "";
+      this.updateToOwn().catch(() => this.sayOfUpdate("The page's server does not give its programs."));
     });
     const input = byId<HTMLInputElement>("can-file");
     input.addEventListener("change", () => {

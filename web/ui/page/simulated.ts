@@ -4,8 +4,8 @@
 import { Program, Simulation, choices, faults } from "pkg/web.js";
 import { Autopilot } from "./autopilot";
 import { BoardView } from "./board";
+import { BusPanel } from "./bus-panel";
 import { Clock } from "./clock";
-import { Detail } from "./detail";
 import { byId, onClick, setPressed, setText } from "./dom";
 import { encode, forget, keep, kept } from "./eeprom";
 import { Faults } from "./faults";
@@ -13,12 +13,15 @@ import { type Link, toHash } from "./link";
 import { Marks } from "./marks";
 import { Monitor } from "./monitor";
 import { NodeView } from "./node";
+import { type Cure, explain } from "./own-board";
 import { Parameters } from "./parameters";
 import { Plots } from "./plots";
 import { ProgramChoice, type Runner } from "./program-choice";
 import { type Choice, PROGRAMS, SECOND, nameOfEeprom } from "./programs";
 import { TakeAway } from "./take-away";
-import { type Lane, Timeline } from "./timeline";
+import { Tabs } from "./tabs";
+import type { Lane } from "./timeline";
+import type { Toured } from "./tour";
 import type { PageEvent, Snapshot } from "./types";
 
 /** Real time between two pictures of what is drawn. */
@@ -34,7 +37,7 @@ const LANES: Lane[] = [
 ];
 const NO_LOADER = new Uint8Array();
 
-export class SimulatedView implements Runner {
+export class SimulatedView implements Runner, Toured {
   simulation!: Simulation;
   snapshot!: Snapshot;
   private current: Choice = PROGRAMS[0];
@@ -45,28 +48,33 @@ export class SimulatedView implements Runner {
   private keptAt = 0;
   /** True until the parameters of the started node are asked for. */
   private readsParameters = true;
-  /** Parameters that were set, but not saved. */
-  private readonly unsaved = new Map<string, number>();
-  /** Faults of a link, which begin when the node runs. */
-  private faultsToBegin: string[] = [];
+  /** Parameters and faults of a link, which are set and begin when the node runs. */
+  private restores: Pick<Link, "parameters" | "faults"> = { parameters: [], faults: [] };
 
-  private readonly clock = new Clock(this);
+  private readonly tabs = new Tabs("parts");
+  private readonly clock = new Clock(
+    this,
+    () => {
+      this.look();
+      this.bus.chooseNewest();
+    },
+    () => this.bus.nextBit(),
+  );
   private readonly monitor = new Monitor(byId("monitor"));
   private readonly marks = new Marks();
   private readonly plots = new Plots(this.marks);
-  private readonly detail = new Detail("");
-  private readonly timeline = new Timeline("", LANES, this.marks, (number) => this.showFrame(number));
+  private readonly bus = new BusPanel(
+    "",
+    LANES,
+    this.marks,
+    (number) => this.simulation.frame(number),
+    (frame) => this.board.carry(frame),
+  );
   private readonly autopilot = new Autopilot(this);
   private readonly board = new BoardView(this);
   private readonly node = new NodeView();
   private readonly takeAway = new TakeAway(this, () => this.monitor.text());
-  private readonly parameters = new Parameters("", (name, text) => {
-    this.simulation.write_parameter(name, text);
-    // A link has numbers.
-    if (Number.isFinite(Number(text))) {
-      this.unsaved.set(name, Number(text));
-    }
-  });
+  private readonly parameters = new Parameters("", () => this.simulation, () => "simulated-node");
   private readonly faults = new Faults(JSON.parse(faults()), (name) => this.simulation.inject(name));
   private readonly programs = new ProgramChoice(this, JSON.parse(choices()));
 
@@ -107,26 +115,23 @@ export class SimulatedView implements Runner {
 
   /** Shows a simulation that begins. */
   private begin() {
-    this.unsaved.clear();
-    this.faultsToBegin = [];
+    this.restores = { parameters: [], faults: [] };
     // The thesis's node has none.
     this.readsParameters = this.current.autopilot !== "thesis";
     this.programs.show(this.current);
     this.autopilot.begin(this.current.autopilot);
-    this.board.begin(this.snapshot);
+    this.board.begin();
     this.takeAway.begin();
-    for (const part of [this.monitor, this.timeline, this.plots, this.marks, this.parameters]) {
+    for (const part of [this.monitor, this.bus, this.plots, this.marks, this.parameters]) {
       part.clear();
     }
-    this.detail.hide();
     this.synchronise();
     setText(byId("node-text"), "");
   }
 
   restore(choice: Choice, link: Link) {
     this.load(choice);
-    link.parameters.forEach(([name, value]) => this.unsaved.set(name, value));
-    this.faultsToBegin = link.faults;
+    this.restores = link;
   }
 
   /** Plays a script from power-on, from which its times count. */
@@ -164,7 +169,8 @@ export class SimulatedView implements Runner {
       pattern: this.pattern,
       wiring: this.current.wiring ?? "",
       eeprom: encode(this.simulation.eeprom()),
-      parameters: [...this.unsaved],
+      // A link has numbers.
+      parameters: this.parameters.unsaved.map(([name, text]) => [name, Number(text)]),
       faults: this.snapshot.faults,
     });
     history.replaceState(null, "", hash);
@@ -178,10 +184,14 @@ export class SimulatedView implements Runner {
 
   // ---- what it shows ----
 
-  notice(text: string, isError = true) {
+  notice(text: string, isError = true, cure: Cure | null = null) {
     byId("notice").classList.toggle("error", isError);
     byId("notice").hidden = text === "";
-    setText(byId("notice"), text);
+    setText(byId("notice-text"), text);
+    const mend = byId("notice-fix");
+    mend.hidden = cure === null;
+    setText(mend, cure?.title ?? "");
+    mend.onclick = () => cure && this.programs.mend(cure);
   }
 
   /** Real time goes on from the present simulated time. */
@@ -194,10 +204,7 @@ export class SimulatedView implements Runner {
     this.clock.run(time);
     if (time - this.drawnAt >= DRAW_MS) {
       this.drawnAt = time;
-      this.snapshot = JSON.parse(this.simulation.snapshot());
-      for (const event of JSON.parse(this.simulation.take_events()) as PageEvent[]) {
-        this.take(event);
-      }
+      this.look();
       this.autopilot.move(this.snapshot);
       this.plots.add(this.snapshot);
       // Arms and propellers move; for the others a third of the pictures are enough.
@@ -212,10 +219,32 @@ export class SimulatedView implements Runner {
     }
   }
 
+  setFault(name: string, isActive: boolean) {
+    if (this.snapshot.faults.includes(name) !== isActive) {
+      this.simulation.inject(name);
+    }
+  }
+
+  reveal(part: string) {
+    const panel = byId(part).closest("[role=tabpanel]");
+    if (panel) {
+      this.tabs.show(byId(panel.getAttribute("aria-labelledby")!));
+    }
+    return part === "parameters" ? (this.parameters.find("OUT1_TRIM") ?? byId(part)) : byId(part);
+  }
+
+  /** Takes what is new. */
+  private look() {
+    this.snapshot = JSON.parse(this.simulation.snapshot());
+    for (const event of JSON.parse(this.simulation.take_events()) as PageEvent[]) {
+      this.take(event);
+    }
+  }
+
   private take(event: PageEvent) {
     switch (event.kind) {
       case "frame":
-        this.timeline.add(event);
+        this.bus.add(event);
         return;
       case "mark":
         this.marks.add(event);
@@ -223,10 +252,12 @@ export class SimulatedView implements Runner {
       case "line":
         this.monitor.add(event.text);
         break;
-      case "hint":
-        this.notice(event.text, false);
-        this.monitor.add(`[hint] ${event.text}`);
+      case "hint": {
+        const { text, cure } = explain(event.text);
+        this.notice(text, false, cure);
+        this.monitor.add(`[hint] ${text}`);
         break;
+      }
       case "mistake":
         this.monitor.add(`[mistake of the program] ${event.text}`);
         break;
@@ -239,7 +270,9 @@ export class SimulatedView implements Runner {
   private showRest(time: number) {
     const { snapshot } = this;
     this.autopilot.show(snapshot);
-    this.timeline.draw(snapshot.now);
+    const load = (snapshot.load * 100).toFixed(1);
+    const rate = snapshot.bit_rate / 1000;
+    this.bus.draw(snapshot.now, `${load} % of ${rate} kbit/s, ${snapshot.error_frames} error frames`);
     this.plots.draw(snapshot.now);
     this.parameters.show(snapshot.client);
     this.faults.show(snapshot.faults);
@@ -251,9 +284,6 @@ export class SimulatedView implements Runner {
     this.board.show(snapshot);
     this.takeAway.show();
     this.clock.show();
-    const load = (snapshot.load * 100).toFixed(1);
-    const rate = snapshot.bit_rate / 1000;
-    setText(byId("load"), `${load} % of ${rate} kbit/s, ${snapshot.error_frames} error frames`);
     if (snapshot.crash) {
       this.notice(`The program has crashed: ${snapshot.crash}. Power the board off and on.`);
     }
@@ -264,18 +294,10 @@ export class SimulatedView implements Runner {
     if (this.readsParameters) {
       this.readsParameters = false;
       this.simulation.read_parameters();
-      this.unsaved.forEach((value, name) => this.simulation.set_parameter(name, value));
+      this.restores.parameters.forEach(([name, value]) => this.simulation.set_parameter(name, value));
     } else {
-      this.faultsToBegin.splice(0).forEach((name) => this.simulation.inject(name));
-    }
-  }
-
-  private showFrame(number: number) {
-    try {
-      this.detail.show(JSON.parse(this.simulation.frame(number)));
-    } catch (error) {
-      this.detail.hide();
-      this.notice(String(error));
+      this.restores.faults.forEach((name) => this.simulation.inject(name));
+      this.restores = { parameters: [], faults: [] };
     }
   }
 
@@ -293,16 +315,6 @@ export class SimulatedView implements Runner {
       setPressed(byId("second"), this.hasSecond);
     });
     onClick("link", () => void this.copyLink());
-    onClick("read", () => {
-      this.parameters.clear();
-      this.simulation.read_parameters();
-    });
-    onClick("save", () => {
-      this.unsaved.clear();
-      this.simulation.save_parameters();
-    });
-    onClick("erase", () => this.simulation.erase_parameters());
-    onClick("restart", () => this.simulation.restart());
     byId("send").addEventListener("submit", (event) => {
       event.preventDefault();
       const text = byId<HTMLInputElement>("text");

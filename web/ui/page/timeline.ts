@@ -7,7 +7,7 @@ import type { FrameEvent } from "./types";
 /** Frames that are kept for the timeline. page.rs keeps the details of 4096. */
 const KEPT = 4000;
 const ROWS = 7;
-const LANE_HEIGHT = 30;
+const LANE_HEIGHT = 24;
 const LEFT = 76;
 const AXIS = 20;
 
@@ -83,6 +83,10 @@ export class Timeline {
   private follow(follows: boolean) {
     this.follows = follows;
     setPressed(this.followButton, follows);
+  }
+
+  chooseNewest() {
+    this.choose(this.frames.at(-1));
   }
 
   private choose(frame: FrameEvent | undefined) {

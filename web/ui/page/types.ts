@@ -43,15 +43,11 @@ export interface Snapshot {
   /** Those of the second board; empty without one. */
   second: Output[];
   light: number;
-  has_light: boolean;
-  has_button: boolean;
-  board: string;
   sensor_c: number;
   node_c: number | null;
   node: {
     id: number;
     silent_s: number;
-    text: string;
     health: string;
     mode: string;
     uptime_s: number;
@@ -76,6 +72,22 @@ export interface Snapshot {
   crash: string | null;
 }
 
+/** What is wired to what (`Page::wiring`): pins of the Arduino, and titles. */
+export interface Wiring {
+  text: string;
+  board: string;
+  chip: string;
+  shield: string;
+  /** False for a shield, which is plugged on. */
+  is_wired: boolean;
+  crystal_mhz: number;
+  cs: string;
+  int: string;
+  sensor: string;
+  light: string | null;
+  button: string | null;
+}
+
 export interface FrameEvent {
   kind: "frame";
   number: number;
@@ -85,6 +97,8 @@ export interface FrameEvent {
   name: string | null;
   start: number;
   end: number;
+  /** Of a LogMessage. */
+  log?: { node: number | null; level: string; source: string; text: string };
 }
 
 export interface TextEvent {
