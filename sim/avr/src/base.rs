@@ -121,6 +121,11 @@ pub(super) struct Base {
     violations: RefCell<Vec<Violation>>,
     /// All uses so far.
     unmodelled: RefCell<Vec<Unmodelled>>,
+    /// Where the program ran into erased flash first.
+    erased: Cell<Option<u32>>,
+    /// True if it has since the last reset. What it does then is no program's work, and not
+    /// reported.
+    is_behind_erased: Cell<bool>,
 }
 
 impl Base {
@@ -131,6 +136,8 @@ impl Base {
             silicon: Rc::default(),
             last_reset: Cell::new(0),
             violations: RefCell::default(),
+            erased: Cell::default(),
+            is_behind_erased: Cell::default(),
             unmodelled: RefCell::default(),
         })
     }
@@ -241,7 +248,7 @@ impl Base {
     /// Adds a mistake of the program, at the present time and program counter.
     pub fn report_violation(&self, text: &str) {
         let mut violations = self.violations.borrow_mut();
-        if violations.len() < VIOLATIONS_KEPT {
+        if violations.len() < VIOLATIONS_KEPT && !self.is_behind_erased() {
             let text = format!("{text} (PC {:#06x})", self.core.pc());
             violations.push(Violation { at: self.now(), text });
         }
@@ -255,7 +262,8 @@ impl Base {
     /// Notes that the program uses a feature that is not modelled exactly. Each counts once.
     pub fn report_unmodelled(&self, text: &'static str) {
         let mut known = self.unmodelled.borrow_mut();
-        if !known.iter().any(|unmodelled| unmodelled.text == text) {
+        let is_known = known.iter().any(|unmodelled| unmodelled.text == text);
+        if !is_known && !self.is_behind_erased() {
             known.push(Unmodelled { at: self.now(), text });
         }
     }
@@ -264,6 +272,27 @@ impl Base {
     /// first `seen` ones.
     pub fn unmodelled_after(&self, seen: usize) -> Vec<Unmodelled> {
         self.unmodelled.borrow().get(seen..).map(<[Unmodelled]>::to_vec).unwrap_or_default()
+    }
+
+    /// Notes that the program runs into erased flash at a byte address.
+    pub fn note_erased(&self, address: u32) {
+        self.is_behind_erased.set(true);
+        self.erased.set(self.erased.get().or(Some(address)));
+    }
+
+    /// Notes a reset.
+    pub fn note_reset(&self) {
+        self.is_behind_erased.set(false);
+    }
+
+    /// True if the program has run into erased flash since the last reset.
+    pub fn is_behind_erased(&self) -> bool {
+        self.is_behind_erased.get()
+    }
+
+    /// Where the program ran into erased flash first.
+    pub fn erased(&self) -> Option<u32> {
+        self.erased.get()
     }
 
     /// Calls the engine's own write handler of a register.

@@ -209,6 +209,12 @@ impl Avr {
         self.machine.stack.lowest().map(|sp| self.chip().ram_end().saturating_sub(sp))
     }
 
+    /// Where the program ran into erased flash first, a byte address. Until the reset that follows
+    /// nothing that it does is a violation. simavr does not find it.
+    pub fn erased_flash_entered(&self) -> Option<u32> {
+        self.machine.base.erased()
+    }
+
     /// True if the stack has run into variables: what the program does since is by chance.
     pub fn has_stack_overrun(&self) -> bool {
         self.machine.stack.has_overrun()

@@ -362,6 +362,7 @@ impl Machine {
     fn note_reset(&self, cause: ResetCause) {
         self.resets.borrow_mut().push(Reset { at: self.base.now(), cause });
         self.starts.reset();
+        self.base.note_reset();
     }
 
     /// Stores a byte in an I/O register, with the side effects of a program's store.

@@ -34,7 +34,10 @@ impl Starts {
     /// Handles a write of SREG by the present instruction.
     pub fn check(&self, base: &Base) {
         let pc = base.core.pc();
-        if pc < 2 || START_CODE != [pc - 2, pc].map(|at| base.core.word(at)) {
+        if pc < 2
+            || base.is_behind_erased()
+            || START_CODE != [pc - 2, pc].map(|at| base.core.word(at))
+        {
             return;
         }
         let mut since_reset = self.since_reset.borrow_mut();

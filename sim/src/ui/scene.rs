@@ -644,6 +644,13 @@ impl Scene {
         for feature in unmodelled {
             self.state.add_unmodelled(feature.at, feature.text);
         }
+        if let Some(address) = board.avr().erased_flash_entered() {
+            let text = format!(
+                "the processor ran into erased flash at {address:#06x}: no program is there. What \
+                 it does until its next reset is not reported"
+            );
+            self.state.add_hint(now, text);
+        }
         let jumps = board.avr().jumps_after(self.jumps_seen);
         self.jumps_seen += jumps.len();
         for at in jumps {
@@ -1026,6 +1033,23 @@ mod tests {
         let crashes =
             events(&mut scene).into_iter().filter(|(_, event)| matches!(event, Event::Crash(_)));
         assert_eq!(crashes.count(), 1);
+    }
+
+    /// As a bootloader does that starts a program that is not there.
+    #[test]
+    fn what_runs_behind_erased_flash_is_one_hint_and_no_mistake() {
+        // `sts 0x3000, r0`, beyond the RAM, for ever.
+        let code = [&[ERASED; 0x100][..], &[0x00, 0x92, 0x00, 0x30, 0xFD, 0xCF]].concat();
+        let mut scene = scene(&code, "");
+        scene.advance(F_CPU_HZ / 10).unwrap();
+        scene.advance(F_CPU_HZ / 5).unwrap();
+        assert_eq!((scene.state().mistakes.total(), scene.state().crash.clone()), (0, None));
+        let hints = events(&mut scene).into_iter().filter_map(|(_, event)| match event {
+            Event::Hint(text) => Some(text),
+            _ => None,
+        });
+        let about_flash = hints.filter(|text| text.contains("erased flash at 0x0000"));
+        assert_eq!(about_flash.count(), 1);
     }
 
     #[test]

@@ -52,7 +52,10 @@ impl Machine {
                     Ok(Stop::Asleep) if self.stop_clocks() => {}
                     Ok(Stop::Asleep) => own.skip(until),
                     Ok(Stop::Deadline | Stop::Attention) => {}
-                    Err(invalid) if invalid.opcode == ERASED => own.pass_word(invalid.address),
+                    Err(invalid) if invalid.opcode == ERASED => {
+                        self.base.note_erased(invalid.address);
+                        own.pass_word(invalid.address);
+                    }
                     Err(invalid) => {
                         let text = format!("illegal instruction {:#06x}", invalid.opcode);
                         self.base.report_violation(&text);
