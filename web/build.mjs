@@ -5,6 +5,7 @@
 //                            TARGET/web-build. scripts/web makes what it needs. REPOSITORY is the
 //                            address that the page links to; by default that of the workflow.
 
+import { createHash } from "node:crypto";
 import { build } from "esbuild";
 import { copyFileSync, mkdirSync, readFileSync, readdirSync, statSync, writeFileSync } from "node:fs";
 import { join, resolve } from "node:path";
@@ -59,6 +60,18 @@ function withAddress(html) {
     .replace('href="docs/README', `href="${address}/blob/HEAD/docs/README`);
 }
 
+/** Writes the service worker, which has the names of the files, and a digest of them. */
+function keepOffline() {
+  const files = readdirSync(out, { recursive: true }).filter((name) => statSync(join(out, name)).isFile());
+  const kept = files.filter((name) => name !== "worker.js").sort();
+  const digest = createHash("sha256");
+  kept.forEach((name) => digest.update(name).update(readFileSync(join(out, name))));
+  const names = JSON.stringify(["./", ...kept.map((name) => name.replaceAll("\\", "/"))]);
+  const worker = readFileSync("ui/page/worker.js", "utf8");
+  const version = digest.digest("hex").slice(0, 16);
+  writeFileSync(join(out, "worker.js"), worker.replace("VERSION", version).replace("FILES", names));
+}
+
 mkdirSync(out, { recursive: true });
 writeFileSync(join(work, "parameters.json"), JSON.stringify(documented()));
 await build({
@@ -85,6 +98,10 @@ const licences = LINKED.map((name) => {
   return `${name}\n\n${readFileSync(join(directory, file), "utf8").trim()}\n`;
 });
 writeFileSync(join(out, "licences.txt"), [...own, ...licences].join(`\n${"-".repeat(80)}\n\n`));
+for (const name of ["manifest.webmanifest", "icon.svg"]) {
+  copyFileSync(join("ui/page", name), join(out, name));
+}
+keepOffline();
 await build({
   ...common,
   entryPoints: { run: "check/run.ts" },

@@ -5,6 +5,7 @@
 
 import { createServer } from "node:http";
 import { createReadStream, statSync } from "node:fs";
+import { constants, createBrotliCompress, createGzip } from "node:zlib";
 import { extname, join, normalize, resolve, sep } from "node:path";
 import { pathToFileURL } from "node:url";
 
@@ -17,8 +18,26 @@ const TYPES = {
   ".svg": "image/svg+xml",
   ".png": "image/png",
   ".json": "application/json",
+  ".webmanifest": "application/manifest+json",
   ".wasm": "application/wasm",
 };
+
+/** Files that are compressed already. */
+const COMPRESSED = [".png"];
+/** How fast a file of 2 MB is compressed: in 0.1 s, to a third. */
+const QUALITY = 5;
+
+/** The first encoding that a browser takes, and a stream that does it; null without one. */
+function encoder(request, file) {
+  const accepted = (request.headers["accept-encoding"] ?? "").split(",").map((name) => name.split(";")[0].trim());
+  if (COMPRESSED.includes(extname(file))) {
+    return null;
+  }
+  if (accepted.includes("br")) {
+    return ["br", createBrotliCompress({ params: { [constants.BROTLI_PARAM_QUALITY]: QUALITY } })];
+  }
+  return accepted.includes("gzip") ? ["gzip", createGzip()] : null;
+}
 
 /** The path of a request; null if it is no path. */
 function pathOf(request) {
@@ -44,10 +63,14 @@ export async function serve(directory, port = 0, host = "127.0.0.1") {
       response.writeHead(404).end("not found");
       return;
     }
-    response.writeHead(200, { "Content-Type": TYPES[extname(file)] ?? "application/octet-stream" });
-    createReadStream(file)
-      .on("error", () => response.destroy())
-      .pipe(response);
+    const encoding = encoder(request, file);
+    response.writeHead(200, {
+      "Content-Type": TYPES[extname(file)] ?? "application/octet-stream",
+      Vary: "Accept-Encoding",
+      ...(encoding && { "Content-Encoding": encoding[0] }),
+    });
+    const read = createReadStream(file).on("error", () => response.destroy());
+    (encoding ? read.pipe(encoding[1]) : read).pipe(response);
   });
   await new Promise((done, failed) => {
     server.once("error", failed);

@@ -301,7 +301,7 @@ const tests = {
       await page.setViewportSize({ width, height: 900 });
       await page.goto(`${address}?${width}${colorScheme}#view=board`);
       await says(page, /Plug the board in/);
-      await page.addScriptTag({ path: source });
+      await page.evaluate(readFileSync(source, "utf8"));
       const { violations } = await page.evaluate(() => globalThis.axe.run());
       const found = violations.flatMap(({ id, nodes }) => nodes.map(({ target }) => `${id}: ${target}`));
       assert.deepEqual(found, [], `${colorScheme}, ${width} pixels`);

@@ -378,7 +378,7 @@ const tests = {
   async "axe-core finds nothing, in light and dark, wide and narrow"(t) {
     const { page } = await open(t, [...DIECIMILA, "--autopilot", "ardupilot"]);
     const source = createRequire(import.meta.url).resolve("axe-core/axe.min.js");
-    await page.addScriptTag({ path: source });
+    await page.evaluate(readFileSync(source, "utf8"));
     await hasNode(page, 120, /OPERATIONAL/);
     await chooseAndRead(page, 120);
     await page.setInputFiles("#can-file", firmware("diecimila-seeed.bin"));

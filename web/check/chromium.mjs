@@ -18,8 +18,11 @@ const FLAGS = [
   "--disable-sync",
 ];
 
-/** Starts the browser. `close` ends it and removes its profile. */
-export async function launch() {
+/**
+ * Starts the browser. `close` ends it and removes its profile. `serviceWorkers` is "allow" for a page
+ * that is to be kept offline.
+ */
+export async function launch(serviceWorkers = "block") {
   const executablePath = process.env.CHROMIUM ?? PLACES.find((place) => existsSync(place));
   if (!executablePath) {
     throw new Error(`there is no Chromium in ${PLACES.join(", ")}: CHROMIUM=... names another`);
@@ -28,6 +31,7 @@ export async function launch() {
   const context = await chromium.launchPersistentContext(profile, {
     executablePath,
     headless: true,
+    serviceWorkers,
     args: FLAGS,
   });
   const close = async () => {

@@ -7,7 +7,7 @@
 
 import assert from "node:assert/strict";
 import { execFileSync } from "node:child_process";
-import { mkdirSync, mkdtempSync, readFileSync, rmSync } from "node:fs";
+import { cpSync, mkdirSync, mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { createRequire } from "node:module";
 import { tmpdir } from "node:os";
 import { join } from "node:path";
@@ -463,6 +463,62 @@ const tests = {
     return open(t);
   },
 
+  async "the page works offline after the first visit, and says that there is a new version"(t) {
+    const copy = mkdtempSync(join(tmpdir(), "page-"));
+    cpSync(directory, copy, { recursive: true });
+    const browser = await launch("allow");
+    let served = await serve(copy);
+    t.ends.push(async () => {
+      await browser.close();
+      served.server.close();
+      rmSync(copy, { recursive: true });
+    });
+    const stop = () => {
+      served.server.close();
+      served.server.closeAllConnections();
+    };
+    const page = await browser.context.newPage();
+    await page.goto(served.address);
+    await until("a worker", () =>
+      page.evaluate(async () => (await navigator.serviceWorker.getRegistration())?.active?.state === "activated"),
+    );
+    stop();
+    await page.reload();
+    await isRunning(page);
+    await page.click("#tab-board");
+    const program = page.evaluate(async () => (await fetch(document.querySelector("#real-loader").href)).status);
+    assert.equal(await program, 200, "a file for a real board");
+    assert.equal(await page.locator("#new-version").isVisible(), false);
+    writeFileSync(join(copy, "worker.js"), readFileSync(join(copy, "worker.js"), "utf8").replace('"page ', '"page new '));
+    writeFileSync(join(copy, "index.html"), readFileSync(join(copy, "index.html"), "utf8").replace("<title>", "<title>New: "));
+    served = await serve(copy, Number(new URL(served.address).port));
+    await page.reload();
+    await until("the offer", () => page.locator("#new-version").isVisible());
+    assert.ok(!(await page.title()).startsWith("New"));
+    await page.click("#use-version");
+    await until("the new version", async () => (await page.title().catch(() => "")).startsWith("New"));
+    return open(t);
+  },
+
+  async "nothing moves by itself for who wants less motion, and no style or script is inline"(t) {
+    const page = await open(t);
+    const moves = () => page.locator(".flow").evaluate((flow) => getComputedStyle(flow).animationName);
+    assert.equal(await moves(), "flow");
+    await page.emulateMedia({ reducedMotion: "reduce" });
+    assert.equal(await moves(), "none");
+    const policy = await page.locator("meta[http-equiv]").getAttribute("content");
+    assert.ok(!policy.includes("unsafe-inline") && policy.startsWith("default-src 'none'"));
+    const runs = await page.evaluate(() => {
+      const script = document.createElement("script");
+      script.textContent = "window.isInline = true";
+      document.body.append(script);
+      return window.isInline ?? false;
+    });
+    assert.equal(runs, false);
+    t.errors.length = 0;
+    return page;
+  },
+
   async "the page links to readme, documents and licences, which are there"(t) {
     const page = await open(t);
     const links = await page.locator("nav a").evaluateAll((all) => all.map((link) => link.href));
@@ -836,7 +892,7 @@ const tests = {
       await page.emulateMedia({ colorScheme });
       await isRunning(page);
       await readParameters(page);
-      await page.addScriptTag({ path: source });
+      await page.evaluate(readFileSync(source, "utf8"));
       for (const tab of ["#part-parameters", "#part-more", "#part-bench", "#tab-board", "#tab-bus"]) {
         await page.click(tab);
         if (tab === "#part-bench") {

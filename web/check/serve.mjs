@@ -62,6 +62,18 @@ test("each kind of file has its type", async () => {
   server.close();
 });
 
+test("files are compressed as the browser takes them", async () => {
+  const { server, address } = await serve(directory);
+  writeFileSync(join(directory, "app.js"), "the page ".repeat(1000));
+  for (const [accepts, encoding] of [["gzip, br", "br"], ["gzip", "gzip"], ["identity", null]]) {
+    const response = await fetch(`${address}app.js`, { headers: { "Accept-Encoding": accepts } });
+    assert.equal(response.headers.get("content-encoding"), encoding);
+    assert.equal(await response.text(), "the page ".repeat(1000));
+  }
+  server.closeAllConnections();
+  server.close();
+});
+
 test("an address that the machine has not is answered with what to do", () => {
   const done = spawnSync(process.execPath, [PROGRAM, directory, "0", "192.0.2.1"], { encoding: "utf8" });
   assert.equal(done.status, 1, done.stdout);

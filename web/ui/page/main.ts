@@ -4,6 +4,7 @@ import "./app.css";
 import "uplot/dist/uPlot.min.css";
 import wasm from "binary/web_bg.wasm";
 import { initSync } from "pkg/web.js";
+import { keepOffline } from "./offline";
 import { RealBoard } from "./real-board";
 import { RealBusView } from "./real-bus";
 import { SimulatedPort } from "./simulated-port";
@@ -50,6 +51,7 @@ function draw(time: number) {
 }
 
 listenToFiles();
+keepOffline();
 views.onChange(() => simulated.synchronise());
 views.follow();
 requestAnimationFrame(draw);

@@ -10,6 +10,8 @@ const ROWS = 7;
 const LANE_HEIGHT = 24;
 const LEFT = 76;
 const AXIS = 20;
+/** Room for a time, and a gap. */
+const TICK_WIDTH = 110;
 
 /** A sender, and its colour in app.css. The last lane is for all that have none. */
 export interface Lane {
@@ -139,13 +141,15 @@ export class Timeline {
       context.fillStyle = line;
       context.fillRect(LEFT, (index + 1) * LANE_HEIGHT - 1, width, 1);
     });
-    for (let tenth = 0; tenth <= 5; tenth++) {
-      const x = LEFT + ((width - LEFT) * tenth) / 5;
+    // As many times as there is room for.
+    const ticks = Math.max(1, Math.min(5, Math.floor((width - LEFT) / TICK_WIDTH)));
+    for (let tick = 0; tick <= ticks; tick++) {
+      const x = LEFT + ((width - LEFT) * tick) / ticks;
       context.fillStyle = line;
       context.fillRect(x, 0, 1, height - AXIS + 4);
       context.fillStyle = dim;
-      context.textAlign = tenth === 5 ? "right" : tenth === 0 ? "left" : "center";
-      const ms = (start + (span * tenth) / 5) * 1000;
+      context.textAlign = tick === ticks ? "right" : tick === 0 ? "left" : "center";
+      const ms = (start + (span * tick) / ticks) * 1000;
       context.fillText(`${ms.toFixed(span < 0.05 ? 1 : 0)} ms`, x, height - AXIS / 2);
     }
     context.textAlign = "left";
