@@ -656,6 +656,44 @@ const tests = {
     return page;
   },
 
+  async "numbers of any message are plotted, several at once, and the log has the nodes' messages"(t) {
+    const page = await open(t);
+    await isRunning(page);
+    await chooseCommand(page);
+    const offered = page.locator("#numbers button");
+    assert.match(await offered.first().innerText(), /^Plot id 1 unitless: [-+]?\d/);
+    await offered.nth(0).click();
+    await offered.nth(1).click();
+    assert.equal(await text(page, "#part-more"), "Log and plots (2)");
+    await page.click("#part-more");
+    assert.match(await text(page, "#field-place"), /10: ArrayCommand id 1 unitless[^]*id 2 unitless/);
+    const inked = () =>
+      page.locator("#field-place canvas").first().evaluate((canvas) => {
+        const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+        const colours = new Map();
+        for (let at = 0; at < data.length; at += 4) {
+          const colour = data.slice(at, at + 3).join();
+          colours.set(colour, (colours.get(colour) ?? 0) + (data[at + 3] > 200 ? 1 : 0));
+        }
+        return colours.get("11,107,203") ?? 0;
+      });
+    await until("a line of the field", async () => (await inked()) > 100);
+    await page.getByRole("button", { name: "Remove 10: ArrayCommand id 1 unitless" }).click();
+    assert.equal(await page.locator("#field-place canvas").count(), 1);
+    // LogMessage of node 42: level 2, source "a", text "hot"; of node 43: level 0, text "low".
+    const buffer = Buffer.from("(0.5) can0 1F3FFF2A#4161686F74C0\n(0.6) can0 1F3FFF2B#006C6F77C0\n");
+    await page.setInputFiles("#file", { name: "log.script", mimeType: "", buffer });
+    const lines = () => text(page, "#log-lines");
+    await until("both messages", async () => /43\s+DEBUG\s+low[^]*42\s+WARNING\s+a: hot/.test(await lines()));
+    await page.selectOption("#log-level", "INFO");
+    await until("one message", async () => !/low/.test(await lines()) && /hot/.test(await lines()));
+    const [download] = await Promise.all([page.waitForEvent("download"), page.click("#log-download")]);
+    assert.match(readFileSync(await download.path(), "utf8"), /^0\.50\d 42 WARNING a: hot\n/);
+    await page.fill("#log-search", "43");
+    await until("no message", async () => (await lines()) === "");
+    return page;
+  },
+
   async "a frame shows its bits and the transaction that fetched it"(t) {
     const page = await open(t);
     await isRunning(page);

@@ -14,26 +14,26 @@ const HALF_TRAVEL_US = 500;
 
 type Series = (number | null)[];
 
-function drawMarks({ ctx, bbox, valToPos }: uPlot, marks: Marks) {
+function drawMarks({ ctx, bbox, valToPos }: uPlot, marks: Marks | null) {
   const area = new DOMRect(bbox.left, bbox.top, bbox.width, bbox.height);
-  marks.draw(ctx, (at) => valToPos(at, "x", true), area);
+  marks?.draw(ctx, (at) => valToPos(at, "x", true), area);
 }
 
-class Plot {
+export class Plot {
   private readonly plot: uPlot;
   private readonly times: number[] = [];
   private readonly values: Series[];
   private isVisible = true;
 
+  /** Without a range, it is that of the values. */
   constructor(
-    id: string,
+    parent: HTMLElement,
     names: string[],
     colours: string[],
-    range: [number, number],
+    range: [number, number] | null,
     stepped: boolean,
-    marks: Marks,
+    marks: Marks | null,
   ) {
-    const parent = byId(id);
     this.values = names.map(() => []);
     const ink = colour("dim");
     const grid = { stroke: colour("line"), width: 1 };
@@ -45,7 +45,7 @@ class Plot {
         legend: { show: names.length > 1, live: false },
         cursor: { show: false },
         hooks: { draw: [(plot) => drawMarks(plot, marks)] },
-        scales: { x: { time: false }, y: { range } },
+        scales: { x: { time: false }, y: range ? { range } : {} },
         axes: [
           { stroke: ink, grid, size: 24, values: (_, ticks) => ticks.map((t) => `${t} s`) },
           { stroke: ink, grid, size: 54 },
@@ -105,9 +105,9 @@ export class Plots {
 
   constructor(marks: Marks) {
     const colours = ["autopilot", "node"];
-    this.pulse = new Plot("plot-pulse", ["command", "pulse"], colours, [900, 2100], true, marks);
-    this.temperature = new Plot("plot-temperature", ["sensor", "node"], colours, [0, 100], true, marks);
-    this.load = new Plot("plot-load", ["load"], ["ok"], [0, 100], false, marks);
+    this.pulse = new Plot(byId("plot-pulse"), ["command", "pulse"], colours, [900, 2100], true, marks);
+    this.temperature = new Plot(byId("plot-temperature"), ["sensor", "node"], colours, [0, 100], true, marks);
+    this.load = new Plot(byId("plot-load"), ["load"], ["ok"], [0, 100], false, marks);
   }
 
   add(snapshot: Snapshot) {
