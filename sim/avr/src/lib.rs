@@ -278,7 +278,7 @@ impl Avr {
 
     /// Simulated time since the start.
     pub fn now(&self) -> Cycles {
-        self.machine.base.silicon.get().time_of(self.machine.base.now())
+        self.time_of(self.machine.base.now())
     }
 
     /// Runs the program until `t`. The last instruction or interrupt entry can end later. Time also
@@ -387,7 +387,12 @@ impl Avr {
     pub fn watch_pin(&mut self, port: char, bit: u8, mut watcher: PinWatcher) {
         let silicon = Rc::clone(&self.machine.base.silicon);
         let outside = move |level, at| watcher(level, silicon.get().time_of(at));
-        self.machine.watch_pin(pins::port_index(port), bit, Box::new(outside));
+        self.watch_pin_in_cycles(port, bit, Box::new(outside));
+    }
+
+    /// [`Avr::watch_pin`] with the times in cycles of the chip.
+    pub fn watch_pin_in_cycles(&mut self, port: char, bit: u8, watcher: PinWatcher) {
+        self.machine.watch_pin(pins::port_index(port), bit, watcher);
     }
 
     /// Drives a pin from outside, also during resets. Has no effect while the pin is an output.
@@ -505,9 +510,14 @@ impl Avr {
     /// Removes and returns the edges of OC1A or OC1B since the last call, exact to the cycle, while
     /// the pin is an output.
     pub fn take_edges(&mut self, oc: Oc) -> Vec<(Cycles, bool)> {
-        let mut edges = self.machine.peripherals.timers.take_edges(&self.machine.base, oc);
+        let mut edges = self.take_edges_in_cycles(oc);
         edges.iter_mut().for_each(|(at, _)| self.move_outside(at));
         edges
+    }
+
+    /// [`Avr::take_edges`] with the times in cycles of the chip.
+    pub fn take_edges_in_cycles(&mut self, oc: Oc) -> Vec<(Cycles, bool)> {
+        self.machine.peripherals.timers.take_edges(&self.machine.base, oc)
     }
 
     /// Duty cycle of OC2B (D3), 0 to 1, if Timer2 drives it in a PWM mode (datasheet section 18.7).
@@ -574,9 +584,13 @@ impl Avr {
         (self.chip().ram_end() + 1).saturating_sub(bottom) - untouched as u16
     }
 
-    /// Converts a count of the chip's cycles into the time outside.
+    /// The time outside at which a cycle of the chip begins.
+    pub fn time_of(&self, cycle: Cycles) -> Cycles {
+        self.machine.base.silicon.get().time_of(cycle)
+    }
+
     fn move_outside(&self, at: &mut Cycles) {
-        *at = self.machine.base.silicon.get().time_of(*at);
+        *at = self.time_of(*at);
     }
 
     /// The EEPROM's cells.

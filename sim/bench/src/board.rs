@@ -57,10 +57,13 @@ pub struct Board {
     outputs: Vec<SwitchedOutput>,
     shaft: Shaft,
     corner: Corner,
+    /// True if the widths and periods of pulses are counted in cycles of the chip.
+    counts_own_cycles: bool,
 }
 
 /// A servo on a pin that the program switches in software.
 struct SwitchedOutput {
+    /// In cycles of the chip.
     edges: Rc<RefCell<Vec<(Cycles, bool)>>>,
     meter: PulseMeter,
     pulses: Vec<Pulse>,
@@ -71,7 +74,7 @@ impl SwitchedOutput {
     fn attach(avr: &mut Avr, pin: Pin) -> SwitchedOutput {
         let edges = Rc::new(RefCell::new(Vec::new()));
         let seen = Rc::clone(&edges);
-        avr.watch_pin(
+        avr.watch_pin_in_cycles(
             pin.port(),
             pin.bit(),
             Box::new(move |level, at| seen.borrow_mut().push((at, level))),
@@ -124,6 +127,7 @@ impl Board {
             outputs,
             shaft: Shaft::default(),
             corner: Corner::default(),
+            counts_own_cycles: false,
         };
         board.set_temperature_c(20.0);
         board.set_circuit_millivolts(0, 0);
@@ -184,6 +188,12 @@ impl Board {
         self.avr.set_silicon(corner.silicon());
         let (ppm, settling) = corner.can_oscillator();
         self.wires.chip.borrow_mut().set_oscillator(ppm, settling);
+    }
+
+    /// Counts the widths and the periods of the pulses from now on in cycles of the chip: for a
+    /// test that expects them without the deviation of its clock.
+    pub fn count_own_cycles(&mut self) {
+        self.counts_own_cycles = true;
     }
 
     /// Copies the level of the MCP2515's INT to the AVR's pin. The bench calls it after each step
@@ -367,12 +377,14 @@ impl Board {
     }
 
     fn collect_servo_edges(&mut self) {
-        let edges = self.avr.take_edges(self.servo_output);
+        let edges = self.avr.take_edges_in_cycles(self.servo_output);
         for &(at, level) in &edges {
             self.servo_level = level;
-            self.wires.record(at, WireEvent::Servo(level));
+            self.wires.record(self.avr.time_of(at), WireEvent::Servo(level));
         }
-        self.servo_pulses.extend(self.servo.feed(edges));
+        let pulses = self.servo.feed(edges).into_iter();
+        let (avr, is_own) = (&self.avr, self.counts_own_cycles);
+        self.servo_pulses.extend(pulses.map(|pulse| measured(avr, is_own, pulse)));
     }
 
     fn collect_output_edges(&mut self) {
@@ -380,9 +392,11 @@ impl Board {
             let edges = output.edges.take();
             for &(at, high) in &edges {
                 output.level = high;
-                self.wires.record(at, WireEvent::Output { index, high });
+                self.wires.record(self.avr.time_of(at), WireEvent::Output { index, high });
             }
-            output.pulses.extend(output.meter.feed(edges));
+            let pulses = output.meter.feed(edges).into_iter();
+            let (avr, is_own) = (&self.avr, self.counts_own_cycles);
+            output.pulses.extend(pulses.map(|pulse| measured(avr, is_own, pulse)));
         }
     }
 
@@ -435,4 +449,16 @@ impl Board {
         self.wires.chip.borrow_mut().hardware_reset(at);
         self.wires.update_int(at);
     }
+}
+
+/// A pulse in cycles of a chip, as it is measured outside.
+fn measured(avr: &Avr, counts_own_cycles: bool, pulse: Pulse) -> Pulse {
+    let start = avr.time_of(pulse.start);
+    if counts_own_cycles {
+        return Pulse { start, ..pulse };
+    }
+    let end = avr.time_of(pulse.start + pulse.width_cycles);
+    let earlier = pulse.period_cycles.map(|period| avr.time_of(pulse.start - period));
+    let period_cycles = earlier.map(|earlier| start - earlier);
+    Pulse { start, width_cycles: end - start, period_cycles }
 }

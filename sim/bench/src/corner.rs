@@ -197,6 +197,14 @@ impl Corner {
         self.values[setting.value as usize] = Some(setting.to);
     }
 
+    /// The same with the typical values of the ADC: for tests of what does not concern it.
+    pub fn with_typical_adc(mut self) -> Corner {
+        for value in [Value::Reference, Value::Adc] {
+            self.values[value as usize] = TABLE[value as usize].typical;
+        }
+        self
+    }
+
     fn get(&self, value: Value) -> f64 {
         self.values[value as usize].unwrap_or_default()
     }
@@ -248,8 +256,8 @@ impl FromStr for Corner {
             _ => match text.strip_prefix("random:").map(str::parse) {
                 Some(Ok(seed)) => Ok(Corner::random(seed)),
                 _ => Err(format!(
-                    "no corner is called \"{text}\": use typical, slow, fast, worst or random:SEED, \
-                     such as random:7"
+                    "no corner is called \"{text}\": use typical, slow, fast, worst or \
+                     random:SEED, such as random:7"
                 )),
             },
         }

@@ -68,7 +68,7 @@ pub fn processor() -> Result<Engine> {
     }
 }
 
-/// The values of the boards of [`Board::programmed`]: the environment variable `NODE_CORNER`, such
+/// The values of the boards of [`Board::in_corner`]: the environment variable `NODE_CORNER`, such
 /// as "slow" or "random:7", by default the typical ones.
 ///
 /// # Errors

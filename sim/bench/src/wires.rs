@@ -42,7 +42,7 @@ pub struct Args {
 
     /// Values of a real chip at the edge of its tolerances: typical, slow, fast, worst or
     /// random:SEED
-    #[arg(long, value_name = "CORNER", default_value = "typical")]
+    #[arg(long, env = "NODE_CORNER", value_name = "CORNER", default_value = "typical")]
     pub corner: Corner,
 
     /// Deviation of the processor's clock, such as +0.4%

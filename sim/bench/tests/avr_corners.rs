@@ -73,8 +73,8 @@ fn the_errors_of_both_ends_of_the_serial_port_add() {
     assert_eq!(echoed(21_000, 21_000), b"abc");
 }
 
-/// > After all reset sources have gone inactive, a delay counter is invoked, stretching the internal
-/// > reset. (DS40002061B, 11.1)
+/// > After all reset sources have gone inactive, a delay counter is invoked, stretching the
+/// > internal reset. (DS40002061B, 11.1)
 #[test]
 fn the_program_starts_after_the_start_up_time_of_each_reset() {
     let silicon = Silicon { start_up_us: 70_000, ..Silicon::default() };

@@ -203,7 +203,7 @@ impl UpdateBench {
         let Options { eeprom, bit_rate, server_sends_status, .. } = options;
         let mut bench = Bench::new(bit_rate);
         bench.add_board(
-            Board::wired(avr, &board()).unwrap_or_else(|error| panic!("{error:#}")),
+            Board::in_corner(avr, &board()).unwrap_or_else(|error| panic!("{error:#}")),
             "node",
         );
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));

@@ -73,7 +73,7 @@ fn board(wiring: &Wiring, program: &[u8]) -> Board {
     avr.set_eeprom(started_with(&elf.unwrap_or_else(|error| panic!("{error:#}"))));
     avr.set_reset_vector(loader.flash[0].0 as u32);
     avr.reset(ResetCause::PowerOn);
-    Board::wired(avr, wiring).unwrap_or_else(|error| panic!("{error:#}"))
+    Board::in_corner(avr, wiring).unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 /// The start of the longest program, which the loader checks byte by byte.

@@ -34,10 +34,19 @@ impl Board {
     /// If the firmware does not fit the chip, the wiring is impossible, or [`processor`] or
     /// [`corner`] fails.
     pub fn programmed(wiring: &Wiring, firmware: &Firmware) -> Result<Board> {
-        let mut board =
-            Board::wired(Avr::programmed_on(processor()?, wiring.chip, firmware)?, wiring)?;
+        Board::in_corner(Avr::programmed_on(processor()?, wiring.chip, firmware)?, wiring)
+    }
+
+    /// [`Board::wired`], with the values of [`corner`], but for those of the ADC, and with pulses
+    /// counted in cycles of the chip.
+    ///
+    /// # Errors
+    /// If the wiring is impossible, or [`corner`] fails.
+    pub fn in_corner(avr: Avr, wiring: &Wiring) -> Result<Board> {
+        let mut board = Board::wired(avr, wiring)?;
         if let Some(corner) = corner()? {
-            board.set_corner(&corner);
+            board.set_corner(&corner.with_typical_adc());
+            board.count_own_cycles();
         }
         Ok(board)
     }
@@ -49,7 +58,7 @@ impl Board {
     pub fn new(avr: Avr) -> Board {
         let wiring = Wiring::of_section(avr.board_section());
         wiring
-            .and_then(|wiring| Board::wired(avr, &wiring))
+            .and_then(|wiring| Board::in_corner(avr, &wiring))
             .unwrap_or_else(|error| panic!("{error:#}"))
     }
 }
