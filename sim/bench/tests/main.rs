@@ -11,6 +11,7 @@ mod avr_stack;
 mod avr_timers;
 mod avr_twi;
 mod avr_unmodelled;
+mod bit_timing;
 mod opcodes;
 mod own_node;
 mod own_node_uno;
