@@ -257,7 +257,8 @@ fn a_servo_follows_a_commander_with_another_node_id_at_once_and_motors_follow_on
     };
     assert!(first_ms(4, 1300.0, 0) <= 25, "the servo");
     let stops_ms = first_ms(0, 1000.0, 0);
-    assert!((200..=240).contains(&stops_ms), "MOT_TIMEOUT: {stops_ms} ms");
+    // The last command came up to a slot before.
+    assert!((180..=240).contains(&stops_ms), "MOT_TIMEOUT: {stops_ms} ms");
     let runs_ms = first_ms(0, 1500.0, stops_ms);
     assert!((400..=430).contains(&runs_ms), "armed again: {runs_ms} ms");
 }
@@ -443,7 +444,7 @@ fn the_bootloader_s_record_of_the_bus_follows_the_saved_bit_rate() {
     const BUS: std::ops::Range<usize> = 0x18..0x1E;
     let mut hub = hub_with_bootloader();
     let record = |hub: &mut Hub| {
-        hub.rig.run_ms(100);
+        hub.rig.run_ms(300);
         hub.rig.board().avr().eeprom()[BUS].to_vec()
     };
     let first = record(&mut hub);

@@ -6,7 +6,7 @@ use bench::dronecan::esc::encode_commands;
 use bench::dronecan::{TransferId, split, types};
 use rig::flood::{Escs, Flood, Pace, Preset, Pulses, Scenario, Setup, Traffic};
 use rig::load::SENDER;
-use rig::{ARMED, ARMING_STATUS, MS, PWM, Program, RAW_COMMAND, Rig, US, parallel};
+use rig::{ARMED, ARMING_STATUS, MS, PWM, Program, RAW_COMMAND, Rig, US, by_node_clock, parallel};
 
 const FOUR: Setup = Setup::of_escs(4, Escs::Fast);
 const EIGHT: Setup = Setup::of_escs(8, Escs::OneShot125);
@@ -53,7 +53,9 @@ impl Motors {
         self.rig.run_ms(ms);
         let mut all = vec![std::mem::take(&mut self.rig.pulses)];
         all.extend(self.rig.board().take_output_pulses());
-        let plain = |pulse: &bench::avr::Pulse| (pulse.start as i64, pulse.width_cycles as i64);
+        let plain = |pulse: &bench::avr::Pulse| {
+            (by_node_clock(pulse.start) as i64, pulse.width_cycles as i64)
+        };
         all.iter()
             .map(|pulses| pulses.iter().filter(|pulse| pulse.start >= from).map(plain).collect())
             .collect()

@@ -4,7 +4,7 @@
 use bench::dronecan::{Message, ParameterRequest};
 use rig::manage::ms_between;
 use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
-use rig::{ARMED, ARRAY_COMMAND, MS, Rig};
+use rig::{ARMED, ARRAY_COMMAND, MS, Rig, node_ms};
 
 const HOLD: i64 = 0;
 const TRIM: i64 = 1;
@@ -181,7 +181,7 @@ fn the_failsafe_pulse_stays_within_the_travel() {
 fn the_longest_timeout_is_exact() {
     let mut rig = moving(OFF, 10_000);
     command(&mut rig);
-    rig.run_ms(9_950);
+    rig.run_until(rig.now() + node_ms(9_950));
     assert!(rig.now() - rig.pulses.last().unwrap().start < 25 * MS);
     rig.run_ms(150);
     assert!(rig.now() - rig.pulses.last().unwrap().start > 70 * MS);

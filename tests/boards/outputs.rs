@@ -8,7 +8,7 @@ use bench::autopilot::{Moves, Profile, Settings};
 use bench::dronecan::{Message, ParameterRequest, Value};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
 use rig::status::{ERROR, FAILSAFE, OK, TRANSFER_ERRORS};
-use rig::{MS, PWM, Program, Rig};
+use rig::{MS, PWM, Program, Rig, by_node_clock, node_ms};
 
 const PROGRAM: Program = Program::Full;
 
@@ -55,7 +55,7 @@ fn pulses(rig: &mut Rig) -> Vec<Vec<(i64, i64)>> {
     let plain = |pulses: Vec<bench::avr::Pulse>| {
         pulses
             .iter()
-            .map(|pulse| (pulse.start as i64, pulse.width_cycles as i64))
+            .map(|pulse| (by_node_clock(pulse.start) as i64, pulse.width_cycles as i64))
             .collect::<Vec<_>>()
     };
     all.into_iter().map(plain).collect()
@@ -175,7 +175,7 @@ fn four_outputs_run_at_100_hz() {
     command(&mut rig, 0..OUTPUTS);
     rig.run_ms(50);
     pulses(&mut rig);
-    rig.run_ms(200);
+    rig.run_until(rig.now() + node_ms(200));
     let seen = pulses(&mut rig);
     for (output, pulses) in seen.iter().enumerate() {
         assert_eq!(pulses.len(), if output < 4 { 20 } else { 0 }, "output {output}");
@@ -416,7 +416,7 @@ fn loaded(kind: Kind, seconds: u64) -> (Figures, Edges) {
                 "output {output}: {pulses:?}"
             );
             for pulse in pulses {
-                let start = pulse.start as i64 - SLOT * output;
+                let start = by_node_clock(pulse.start) as i64 - SLOT * output;
                 let late = (start - *origin.get_or_insert(start) + PERIOD / 2).rem_euclid(PERIOD)
                     - PERIOD / 2;
                 *edges.rises.entry(late).or_default() += 1;
@@ -444,7 +444,7 @@ fn all_eight_outputs_follow_ardupilot_and_px4() {
         rig.attach_autopilot(Settings { moves: Moves::All, ..Settings::of(profile) });
         rig.run_ms(200);
         pulses(&mut rig);
-        rig.run_ms(5000);
+        rig.run_until(rig.now() + node_ms(5000));
         let ranges: Vec<(i64, i64)> = pulses(&mut rig)
             .iter()
             .map(|pulses| {

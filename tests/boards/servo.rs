@@ -2,7 +2,7 @@
 
 use std::f32::consts::FRAC_PI_4;
 
-use rig::{ARRAY_COMMAND, MS, POSITION, PWM, Rig, UNITLESS};
+use rig::{ARRAY_COMMAND, MS, POSITION, PWM, Rig, UNITLESS, node_ms};
 
 const FORCE: u8 = 2;
 const SPEED: u8 = 3;
@@ -170,7 +170,7 @@ fn a_thousand_commands_at_50_hz_give_a_thousand_correct_pulses() {
     rig.forget();
     for n in 0..1000u16 {
         rig.send_command(1, PWM, f32::from(1000 + n));
-        let t = rig.now() + 20 * MS;
+        let t = rig.now() + node_ms(20);
         rig.run_until(t);
     }
     assert_eq!(rig.pulses.len(), 1000);

@@ -1,6 +1,7 @@
 //! The node measures a temperature and sends it.
 
-use rig::{MS, Rig, TEMPERATURE_OF_NODE};
+use rig::manage::ms_between;
+use rig::{Rig, TEMPERATURE_OF_NODE};
 
 /// Device ID, kelvin and flags in a Temperature.
 fn fields(data: &[u8]) -> (u16, f32, u8) {
@@ -21,7 +22,7 @@ fn a_temperature_comes_every_second_in_kelvin() {
         rig.run_ms(3000);
         let frames = rig.frames(TEMPERATURE_OF_NODE);
         assert_eq!(frames.len(), 3);
-        assert!((frames[1].0 - frames[0].0).abs_diff(1000 * MS) < MS);
+        assert!((ms_between(frames[0].0, frames[1].0) - 1000.0).abs() < 1.0);
         for (_, data) in &frames {
             let (device_id, kelvin, flags) = fields(data);
             assert_eq!((device_id, flags), (1, 0));

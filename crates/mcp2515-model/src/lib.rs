@@ -78,7 +78,7 @@ pub struct Mcp2515 {
     waking_until: Option<Cycles>,
     /// SPI instructions before this time are ignored.
     deaf_until: Cycles,
-    /// End of the time in which the oscillator is not stable, of which no driver can know.
+    /// End of a start-up with an oscillator that needs time, of which no driver can know.
     settled_at: Cycles,
     /// True if a fault holds it in configuration mode.
     is_held: bool,
@@ -139,15 +139,21 @@ impl Mcp2515 {
     pub fn set_oscillator(&mut self, ppm: i32, settling: Cycles) {
         self.osc_ppm = ppm;
         self.settling = settling;
-        self.hardware_reset(0);
+        self.power_up(0);
     }
 
-    /// Pulses the RESET pin low, or connects the power: registers get their reset values, and the
-    /// start-up time begins.
+    /// Connects the power: a reset, once the oscillator is stable.
+    pub fn power_up(&mut self, at: Cycles) {
+        self.hardware_reset(at);
+        if self.settling > 0 {
+            self.deaf_until += self.settling;
+            self.settled_at = self.deaf_until;
+        }
+    }
+
+    /// Pulses the RESET pin low: registers get their reset values, and the start-up time begins.
     pub fn hardware_reset(&mut self, at: Cycles) {
         self.reset(at);
-        self.settled_at = at + self.settling;
-        self.deaf_until += self.settling;
         // The rest of an instruction that the reset ended is none.
         self.spi = spi::Spi::default();
     }

@@ -206,7 +206,7 @@ impl Board {
     pub fn reset(&mut self, cause: ResetCause) {
         // First, so that an instruction which the power cut ended is not taken for a mistake.
         if cause == ResetCause::PowerOn && self.wires.has_power() {
-            self.chip_reset();
+            self.disturb_chip(Mcp2515::power_up);
         }
         if cause == ResetCause::BrownOut && self.corner.browns_out_late() && self.wires.has_power()
         {
@@ -217,7 +217,7 @@ impl Board {
 
     /// Pulses the MCP2515's RESET pin. The firmware does not notice it.
     pub fn chip_reset(&mut self) {
-        self.chip_reset_at(self.avr.now());
+        self.disturb_chip(Mcp2515::hardware_reset);
     }
 
     /// Dips the MCP2515's supply: it goes on with random values in its registers.
@@ -256,7 +256,7 @@ impl Board {
     /// Restores the MCP2515's power.
     pub fn chip_power_on(&mut self) {
         self.wires.dead_miso.set(None);
-        self.chip_reset();
+        self.disturb_chip(Mcp2515::power_up);
         if self.wires.selected.get() {
             self.wires.chip.borrow_mut().select(self.avr.now());
         }
@@ -443,11 +443,6 @@ impl Board {
         }));
         all.sort_by_key(|violation| violation.at);
         all
-    }
-
-    fn chip_reset_at(&self, at: Cycles) {
-        self.wires.chip.borrow_mut().hardware_reset(at);
-        self.wires.update_int(at);
     }
 }
 

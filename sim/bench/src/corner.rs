@@ -80,7 +80,7 @@ pub const TABLE: [Tolerance; VALUES] = [
         Value::StartUp,
         "start-ms",
         [0.0, 0.0, 73.0],
-        [Highest, Lowest, Lowest],
+        [Highest, Lowest, Highest],
         "DS40002061B 9.3, table 9-4: 14 CK to 16K CK + 14 CK + 65 ms; 10 % of the RC oscillator",
     ),
     row(
@@ -232,6 +232,16 @@ impl Corner {
     pub fn can_oscillator(&self) -> (i32, u64) {
         let settling = self.get(Value::CanStartUp) * F_CPU_HZ as f64 / 1000.0;
         (per_million(self.get(Value::CanClock)), settling.round() as u64)
+    }
+
+    /// Cycles of the processor's clock in one of 16 MHz.
+    pub fn clock_rate(&self) -> f64 {
+        1.0 + self.get(Value::Clock) / 100.0
+    }
+
+    /// Milliseconds from a reset of the processor to its first instruction.
+    pub fn start_ms(&self) -> u64 {
+        self.get(Value::StartUp).ceil() as u64
     }
 
     /// True if the MCP2515 has lost its registers when the processor's brown-out detector resets.

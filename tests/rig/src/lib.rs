@@ -33,6 +33,7 @@ use bench::autopilot::{Autopilot, Settings};
 use bench::avr::{Pulse, ResetCause};
 use bench::board::Board;
 use bench::can::{Frame, Id, PortId, RecordKind, SoftNode};
+use bench::corner::Corner;
 use bench::dronecan::{
     ActuatorCommand, CommandUnit, Decoded, Observation, Observer, Transfer, TransferId, draft,
     split, types,
@@ -86,6 +87,22 @@ pub const NOT_SAFE: u8 = 255;
 /// avr-specs/boards.toml.
 pub fn board() -> Wiring {
     chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
+}
+
+/// The values of the boards under test: `NODE_CORNER` names them.
+pub fn corner() -> Corner {
+    let corner = bench::firmware::corner().unwrap_or_else(|error| panic!("{error:#}"));
+    corner.unwrap_or_default()
+}
+
+/// A time or duration by the clock of the node, which counts its own cycles.
+pub fn by_node_clock(cycles: Cycles) -> Cycles {
+    (cycles as f64 * corner().clock_rate()).round() as Cycles
+}
+
+/// The time in which the node counts so many milliseconds.
+pub fn node_ms(milliseconds: u64) -> Cycles {
+    ((milliseconds * MS) as f64 / corner().clock_rate()).round() as Cycles
 }
 
 /// True if the firmware under test has the preset "remote", by the name of its ELF.

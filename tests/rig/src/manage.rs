@@ -1,6 +1,6 @@
 //! The rig as a management tool: sends requests to the node and reads its answers.
 
-use super::{MS, NODE, Rig, parse_frames};
+use super::{MS, NODE, Rig, by_node_clock, parse_frames};
 use bench::Cycles;
 use bench::can::{Frame, Id};
 use bench::dronecan::{
@@ -243,5 +243,5 @@ pub fn integer(value: &Value) -> i64 {
 
 /// Milliseconds between two times in cycles.
 pub fn ms_between(from: Cycles, to: Cycles) -> f64 {
-    to.saturating_sub(from) as f64 / MS as f64
+    by_node_clock(to.saturating_sub(from)) as f64 / MS as f64
 }

@@ -134,8 +134,8 @@ impl Pulses {
             false => ((pulse.width_cycles / 8) as i32, TOLERANCE),
         };
         self.widths.push(pulse.width_cycles);
-        if let Some(last) = self.last_start.replace(pulse.start) {
-            self.periods.push(pulse.start - last);
+        if self.last_start.replace(pulse.start).is_some() {
+            self.periods.push(pulse.period_cycles.unwrap_or(0));
         }
         let older = self.commands.partition_point(|command| command.ended <= pulse.start);
         if older == 0 {

@@ -395,8 +395,8 @@ impl Soak {
             };
             for pulse in pulses {
                 let us = pulse.width_us();
-                if let Some(last) = self.last_pulses[output] {
-                    let off = (pulse.start - last).abs_diff(SERVO_PERIOD);
+                if self.last_pulses[output].is_some() {
+                    let off = pulse.period_cycles.unwrap_or(0).abs_diff(SERVO_PERIOD);
                     assert!(off <= jitter, "output {}: {off} cycles off", output + 1);
                 }
                 self.last_pulses[output] = Some(pulse.start);
