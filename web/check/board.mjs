@@ -91,6 +91,7 @@ const plug = (page) => page.evaluate(() => window.plug());
 async function flash(page) {
   await page.click("#real-clear");
   await page.click("#real-flash");
+  await says(page, /Writing.*, \d+ %, \d+ s left/);
   await says(page, /The board has the new program, and it was read back/);
   await prints(page, /DroneCAN servo node/);
 }
@@ -103,6 +104,8 @@ const tests = {
     await flash(page);
     await page.click("#real-clear");
     await page.fill("#real-text", "?");
+    assert.equal(await page.locator("#real-status").getAttribute("class"), "done");
+    assert.equal(await page.locator("#real-next").isVisible(), true);
     await page.keyboard.press("Enter");
     await until(page, "an answer", async () => (await monitor(page)).length > 20);
     await page.click("#real-copy");

@@ -447,6 +447,12 @@ const tests = {
         const free = `${JSON.stringify([panel, part])} at step ${step}`;
         assert.ok(panel.y >= 0 && part.y >= panel.y + panel.height, free);
         assert.ok(part.y + part.height <= height, free);
+        if (step === 4 || step === 5) {
+          await until("the cable is pulled by itself, and in again", async () => (await isPressed(page, "#fault-cable")) === (step === 4));
+        }
+        if (step === 5) {
+          assert.match(await text(page, ".toured"), /^OUT1_TRIM/);
+        }
         if (step === 3) {
           await page.keyboard.press("Escape");
           assert.equal(await page.locator("#tour, .toured").filter({ visible: true }).count(), 0);
@@ -568,6 +574,14 @@ const tests = {
     return other;
   },
 
+  async "a link without a pattern has that of its program"(t) {
+    const page = await open(t, { url: `${address}#program=Diecimila%3A+remote` });
+    assert.equal(await page.locator("#program").inputValue(), "Diecimila: remote");
+    assert.equal(await page.locator("#pattern").inputValue(), "px4");
+    assert.equal(await page.locator("#notice").isVisible(), false);
+    return page;
+  },
+
   async "a link to the user's own program asks for the file"(t) {
     const page = await open(t, { url: `${address}#program=own.elf&pattern=px4` });
     await until("words", async () => /for the program own\.elf/.test(await text(page, "#notice")));
@@ -633,7 +647,11 @@ const tests = {
     const { y, height } = await page.locator("#own").boundingBox();
     assert.ok(y > 0 && height < 100, `the choices, ${height} high, are at ${y}`);
     await page.selectOption("#own-mcu", "atmega328p");
-    await noticed(/the program drives D10, CS is wired to D9/);
+    await noticed(/the program drives D10, CS is wired to D9(?! \()/);
+    await page.getByRole("button", { name: "Wire CS to D10" }).click();
+    assert.equal(await page.inputValue("#own-cs"), "D10");
+    assert.match(await text(page, "#wiring"), /CS D10/);
+    await page.selectOption("#own-cs", "");
     await page.selectOption("#own-shield", "module");
     assert.match(await text(page, "#wiring"), /CS D10, INT D2, crystal 8 MHz/);
     await trafficHas(page, "its frame", /123#A5/);

@@ -57,6 +57,15 @@ export function mount(template: string, parent: HTMLElement, prefix: string) {
   parent.append(copy);
 }
 
+/** Part of the time after which the rest of it is known well enough. */
+const KNOWN = 0.05;
+
+/** The time that is left of what began at a time of performance.now(), in words; empty at first. */
+export function timeLeft(begun: number, done: number, all: number) {
+  const seconds = ((performance.now() - begun) / 1000) * (all / done - 1);
+  return done > KNOWN * all ? `, ${Math.ceil(seconds)} s left` : "";
+}
+
 /** Has the browser save a file. */
 export function download(name: string, data: BlobPart) {
   const url = URL.createObjectURL(new Blob([data]));

@@ -111,8 +111,10 @@ export class ProgramChoice {
     // The user's own EEPROM of the program stays.
     const keptAs = "a link";
     keep(keptAs, link.eeprom);
-    const { program: name, pattern: autopilot, wiring } = link;
-    const isOwn = !PROGRAMS.some((program) => program.name === name);
+    const { program: name, pattern, wiring } = link;
+    const known = PROGRAMS.find((program) => program.name === name);
+    const isOwn = known === undefined;
+    const autopilot = pattern || (known?.autopilot ?? this.runner.pattern);
     const choice = { name, bytes, autopilot, keptAs, wiring: isOwn ? wiring : undefined };
     this.own = isOwn ? choice : null;
     this.runner.restore(choice, link);

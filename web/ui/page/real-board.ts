@@ -2,7 +2,7 @@
 
 import { read_program } from "pkg/web.js";
 import boards from "boards.json";
-import { byId, download, setLinkedText, setText } from "./dom";
+import { byId, download, onClick, setLinkedText, setText, timeLeft } from "./dom";
 import { Lines, Monitor } from "./monitor";
 import { type Port, choosePort, findAgain, whenPluggedIn, whyNoPorts } from "./ports";
 import { type State, Uploader } from "./upload";
@@ -36,6 +36,8 @@ export class RealBoard {
   private uploader: Uploader | null = null;
   /** True while the monitor is to have the port. */
   private listens = false;
+  /** Phase of the upload, and its begin. */
+  private phase = { name: "", begun: 0 };
   /** The last upload in words, for the report. */
   private lastUpload = "none";
   /** A file of the user. */
@@ -129,10 +131,12 @@ export class RealBoard {
     byId<HTMLAnchorElement>("real-picture-file").href = picture.src;
   }
 
-  private say(text: string, isError = false) {
+  private say(text: string, isError = false, isDone = false) {
     const status = byId("real-status");
     setLinkedText(status, text);
     status.classList.toggle("wrong", isError);
+    status.classList.toggle("done", isDone);
+    byId("real-next").hidden = !isDone;
   }
 
   private enable() {
@@ -230,7 +234,7 @@ export class RealBoard {
       if (state.failure !== null) {
         this.say(state.is_silent ? state.failure : `${state.failure} ${state.flash}`, true);
       } else {
-        this.say(`${state.flash} ${program.length} bytes in ${seconds} s. Its serial monitor is beside.`);
+        this.say(`${state.flash} ${program.length} bytes in ${seconds} s.`, false, true);
         this.uploader = null;
         await this.connect();
       }
@@ -273,7 +277,10 @@ export class RealBoard {
     } else {
       bar.value = done / Math.max(all, 1);
     }
-    const percent = phase === "connecting" ? "" : `, ${Math.floor((100 * done) / Math.max(all, 1))} %`;
+    if (phase !== this.phase.name) {
+      this.phase = { name: phase, begun: performance.now() };
+    }
+    const percent = phase === "connecting" ? "" : `, ${Math.floor((100 * done) / Math.max(all, 1))} %${timeLeft(this.phase.begun, done, all)}`;
     const of = chip === null ? "" : ` (${boards.chips[chip].title})`;
     if (phase !== "ended") {
       this.say(`${PHASES[phase]}${of}${percent}`);
@@ -355,6 +362,7 @@ export class RealBoard {
         await this.connect();
       }
     });
+    onClick("real-to-bus", () => byId("tab-bus").click());
     window.addEventListener("beforeunload", (event) => {
       if (this.isBusy) {
         event.preventDefault();

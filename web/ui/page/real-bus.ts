@@ -3,7 +3,7 @@
 import { RealBus } from "pkg/web.js";
 import boards from "boards.json";
 import { BusPanel } from "./bus-panel";
-import { byId, download, make, setText } from "./dom";
+import { byId, download, make, setText, timeLeft } from "./dom";
 import { Parameters } from "./parameters";
 import { Port, choosePort, findAgain, whyNoPorts } from "./ports";
 import { SimulatedPort } from "./simulated-port";
@@ -50,6 +50,7 @@ interface NodeRow {
 }
 
 interface UpdateRow {
+  begun: number;
   element: HTMLElement;
   text: HTMLElement;
   bar: HTMLProgressElement;
@@ -272,7 +273,8 @@ export class RealBusView {
       const texts = [name, node.health, node.mode, duration(node.uptime_s), version, heard];
       texts.forEach((text, index) => setText(cells[index], text));
       cells[1].className = isGone ? "badge" : `badge ${node.health}`;
-      const code = `vendor-specific status 0x${node.vendor_code.toString(16).padStart(4, "0")}`;
+      const hex = node.vendor_code.toString(16).padStart(4, "0");
+      const code = node.vendor_code === 0 ? "" : `vendor-specific status 0x${hex}`;
       row.title = [...node.conditions, code, node.unique_id ? `unique ID ${node.unique_id}` : ""].join("\n").trim();
     }
     byId("can-no-nodes").hidden = nodes.length > 0;
@@ -319,9 +321,13 @@ export class RealBusView {
     for (const { node, runs, text, is_updated, sent = 0, total = 0 } of updates) {
       const row = this.updates.get(node) ?? this.addUpdate(node);
       const outcome = runs ? "" : is_updated ? "updated: " : "NOT updated: ";
-      const progress = runs && total > 0 ? `, ${sent} of ${total} bytes` : "";
+      if (sent === 0) {
+        row.begun = performance.now();
+      }
+      const progress = runs && total > 0 ? `, ${sent} of ${total} bytes${timeLeft(row.begun, sent, total)}` : "";
       setText(row.text, `Node ${node}: ${outcome}${text}${progress}`);
       row.element.classList.toggle("wrong", !runs && !is_updated);
+      row.element.classList.toggle("done", is_updated ?? false);
       row.bar.hidden = row.stop.hidden = !runs;
       row.bar.value = total > 0 ? sent / total : 0;
     }
@@ -336,7 +342,7 @@ export class RealBusView {
     stop.addEventListener("click", () => this.bus.stop_update(node, this.now()));
     const element = make("div", { className: "update" }, text, bar, stop);
     byId("can-updates").append(element);
-    const row = { element, text, bar, stop };
+    const row = { begun: performance.now(), element, text, bar, stop };
     this.updates.set(node, row);
     return row;
   }
