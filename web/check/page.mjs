@@ -346,6 +346,10 @@ const tests = {
     assert.ok(await isInRow("#run", "#rate", "#speed", "#tour-open"));
     const [header] = await boxes("header");
     assert.ok(header.height < 100, `the header is ${header.height} high`);
+    await page.click("#run");
+    assert.ok(await isInRow("#run", "#step-frame", "#step-bit", "#speed", "#tour-open"), "while it is paused");
+    const [clock, tour] = await boxes("#speed", "#tour-open");
+    assert.ok(clock.x + clock.width <= tour.x && tour.x + tour.width <= 390, JSON.stringify([clock, tour]));
     return page;
   },
 
