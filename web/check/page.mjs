@@ -970,7 +970,7 @@ const tests = {
     return open(t);
   },
 
-  async "nothing is cut off at 360 pixels"(t) {
+  async "nothing is cut off at 360 pixels, and controls have room for a finger"(t) {
     const page = await open(t, { width: 360, height: 844 });
     await isRunning(page);
     const wide = await page.evaluate(() => {
@@ -982,6 +982,16 @@ const tests = {
       return { scrollWidth, outside: outside.map((element) => element.outerHTML.slice(0, 80)) };
     });
     assert.deepEqual(wide, { scrollWidth: 360, outside: [] });
+    await readParameters(page);
+    for (const tab of ["#part-parameters", "#part-more", "#part-bench", "#tab-board", "#tab-bus"]) {
+      await page.click(tab);
+      const low = await page.evaluate(() => {
+        const controls = [...document.querySelectorAll("button, select, summary, input:not([type=range], [type=checkbox], [type=file])")];
+        const isLow = (control) => control.checkVisibility() && control.getBoundingClientRect().height < 32;
+        return controls.filter(isLow).map((control) => control.outerHTML.slice(0, 80));
+      });
+      assert.deepEqual(low, [], `${tab}: lower than 32 pixels`);
+    }
     return page;
   },
 };
