@@ -278,10 +278,12 @@ impl Program {
         }
         if board.received_byte() == Some(b'?') {
             node.report(monitor);
-        } else if board.can_send_byte() && node.takes_character(board.now_ms()) {
+        } else if board.can_send_byte() && node.takes_character() {
+            node.begin_log_message(board.now_ms(), monitor);
             let character = monitor.next_byte(B::FLASH);
-            board.send_byte(character);
-            node.keep_character(character, monitor.line(), board.now_ms());
+            if !node.keep_character(character) {
+                board.send_byte(character);
+            }
         }
     }
 }

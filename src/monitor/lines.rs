@@ -123,9 +123,22 @@ impl Monitor {
         let _ = self.stack.push(code);
     }
 
-    /// The line that is being sent.
-    pub fn line(&self) -> Line {
-        self.events[usize::from(self.sent) % QUEUE_LEN].line
+    /// True if no line is being sent.
+    pub fn is_between_lines(&self) -> bool {
+        !self.has_end && self.stack.is_empty()
+    }
+
+    /// The event for [`send_first`](Self::send_first).
+    pub fn next_event(&mut self) -> &mut Event {
+        self.event(0)
+    }
+
+    /// Sends the line of [`next_event`](Self::next_event) before all that wait in the queue. Call
+    /// it between two lines.
+    pub fn send_first(&mut self) {
+        let line = self.event(0).line.number();
+        self.insert(packing::FIRST_LINE, line);
+        self.has_end = true;
     }
 
     /// Does one step and returns the next character for the UART, or 0 if this step made none.
@@ -219,9 +232,7 @@ impl Monitor {
         } else {
             return;
         }
-        let line = self.event(0).line.number();
-        self.insert(packing::FIRST_LINE, line);
-        self.has_end = true;
+        self.send_first();
     }
 
     /// Pushes the value of a field.
@@ -397,7 +408,7 @@ mod tests {
         }
         for code in 0..=255 {
             let expected = code.to_string();
-            assert_eq!(field_of(Line::NotAnswering, [0, 0, code], 0, 0, "(", ")"), expected);
+            assert_eq!(field_of(Line::NotAnswering, zero, code.into(), 0, "(", ")"), expected);
             let id = field_of(command, [0, 0, code], 0, 0, ": id ", "pulse");
             assert_eq!(id.split([',', ' ']).next().unwrap(), code.to_string());
         }
@@ -473,14 +484,14 @@ mod tests {
         monitor.log_line(Line::Running);
         assert_eq!(next(&mut monitor), b'C');
         for _ in 0..QUEUE_LEN - 1 + 5 {
-            monitor.log_line(Line::BusOff);
+            monitor.log_line(Line::IntWrong);
         }
         let text = logged(&mut monitor);
         let lines: std::vec::Vec<&str> = text.lines().collect();
         assert_eq!(lines.len(), QUEUE_LEN + 1);
         assert_eq!(lines[0], "AN: running");
         assert!(lines[1].starts_with("5 lines"), "{}", lines[1]);
-        assert!(lines[2..].iter().all(|&line| line == "CAN H/L: bus-off"));
+        assert!(lines[2..].iter().all(|&line| line == "INT open or shorted"));
         assert_eq!(logged(&mut monitor), "");
     }
 
@@ -488,12 +499,12 @@ mod tests {
     fn a_line_about_a_frame_takes_no_other_line_s_place() {
         let mut monitor = Monitor::new();
         for _ in 0..QUEUE_LEN - 1 {
-            monitor.log_line(Line::BusOff);
+            monitor.log_line(Line::IntWrong);
         }
         assert!(monitor.log_frame(Line::Running).is_none());
         let text = logged(&mut monitor);
         assert!(text.starts_with("1 lines dropped") && !text.contains("running"), "{text}");
-        assert_eq!(text.matches("CAN H/L: bus-off").count(), QUEUE_LEN - 1);
+        assert_eq!(text.matches("INT open or shorted").count(), QUEUE_LEN - 1);
     }
 
     #[test]

@@ -11,12 +11,14 @@ pub mod packing;
 #[cfg(not(feature = "monitor"))]
 mod silent;
 pub mod text;
+mod told;
 
 use crate::progmem::Progmem;
 #[cfg(not(feature = "monitor"))]
 pub use silent::{Event, Monitor};
 use text::Texts;
 pub use text::{Line, Words};
+pub use told::{Change, Told};
 #[cfg(feature = "monitor")]
 pub use {event::Event, lines::Monitor};
 

@@ -179,8 +179,8 @@ const PACKING: Packing = {
     // The first pair is the end of a line.
     packing.pairs[0] = *b"\r\n";
     packing.used = 1;
-    // No two `END`s are side by side, so this call only counts.
-    let (mut pair, mut count) = packing.replace([END; 2], END);
+    // Nothing is larger than `END`, so this call only counts.
+    let (mut pair, mut count) = packing.replace([END + 1; 2], END);
     // A pair takes two bytes of the table, so a count of two saves nothing.
     while count > 2 && packing.used < PAIRS as usize {
         packing.pairs[packing.used] = [pair[0] as u8, pair[1] as u8];

@@ -52,10 +52,18 @@ impl Monitor {
         None
     }
 
-    /// No line.
-    pub fn line(&self) -> Line {
-        Line::NONE
+    /// True.
+    pub fn is_between_lines(&self) -> bool {
+        true
     }
+
+    /// An event for values that nobody reads.
+    pub fn next_event(&mut self) -> &mut Event {
+        &mut self.event
+    }
+
+    /// Does nothing.
+    pub fn send_first(&mut self) {}
 
     /// There is no character to send.
     pub fn next_byte<F: TextsAndNames>(&mut self, _flash: F) -> u8 {

@@ -4,12 +4,14 @@
 //! time into a table that stays in flash. In a text a `%` and a letter stand for a value: see
 //! [`Event`](super::Event).
 
+use crate::tables::condition::TEXTS;
+
 /// The table: [`PACKED`].
 pub struct Texts;
 
 /// A table of groups: `logs if condition { rows }`. Lines of a group `rejects` log that something
-/// was rejected; of a group `begins` or `ends`, that a condition begins or ends. A group
-/// `words(NAME = first)` has words to insert in a line, and a number selects one.
+/// was rejected. A group `words(NAME = first)` has words to insert in a line, and a number selects
+/// one. After the lines of the table come those of the conditions.
 macro_rules! lines {
     ($($what:ident $(($list:ident = $first:ident))? if $if:meta {
         $($(#[doc = $doc:literal])* $name:ident = $text:expr,)*
@@ -43,56 +45,23 @@ macro_rules! lines {
             )?)*
         }
 
-        /// The text of each [`Line`], by its number.
-        pub const LINES: &[&str] = &[$($(#[cfg($if)] $text,)*)*];
-
-        /// The level of each line.
-        const LEVELS: &[u8] = &[$($(
-            #[cfg($if)]
-            {
-                _ = Place::$name;
-                lines!(@level $what)
-            },
-        )*)*];
+        /// The texts of the table.
+        const OTHERS: &[&str] = &[$($(#[cfg($if)] $text,)*)*];
     };
     (@rejects) => { Line::REJECTS };
     (@logs) => { 0 };
     (@words) => { 0 };
-    (@begins) => { 0 };
-    (@ends) => { 0 };
-    (@level begins) => { level::WARNING };
-    (@level ends) => { level::INFO };
-    (@level $other:ident) => { level::NONE };
 }
 
-/// The level of a line (DSDL uavcan/protocol/debug/LogLevel.uavcan).
-pub mod level {
-    /// The line is not about a condition.
-    pub const NONE: u8 = 0;
-    /// A condition ends.
-    pub const INFO: u8 = 1;
-    /// A condition begins.
-    pub const WARNING: u8 = 2;
-}
-
-/// The number of the first line of a level, and how many there are. They follow each other.
-const fn range(level: u8) -> (u8, u8) {
-    let (mut first, mut count, mut n) = (0, 0, 0);
-    while n < LEVELS.len() {
-        if LEVELS[n] == level {
-            if count == 0 {
-                first = n as u8;
-            }
-            assert!(n as u8 == first + count, "the groups must follow each other");
-            count += 1;
-        }
+/// The text of each [`Line`], by its number.
+pub const LINES: &[&str] = &{
+    let (mut lines, mut n) = ([""; OTHERS.len() + TEXTS.len()], 0);
+    while n < lines.len() {
+        lines[n] = if n < OTHERS.len() { OTHERS[n] } else { TEXTS[n - OTHERS.len()] };
         n += 1;
     }
-    (first, count)
-}
-
-const BEGINS: (u8, u8) = range(level::WARNING);
-const ENDS: (u8, u8) = range(level::INFO);
+    lines
+};
 
 /// A list of words to insert in a line.
 pub struct Words(u8);
@@ -116,27 +85,25 @@ impl Line {
         self.0 & !Self::REJECTS
     }
 
+    /// The number of a line that logs no rejection, for a field `%w`.
+    pub const fn word(self) -> u8 {
+        self.0
+    }
+
+    /// True if the build has the line.
+    pub const fn is_built(self) -> bool {
+        self.0 != Self::NONE.0
+    }
+
     /// The line with this number, for tests.
     #[cfg(test)]
     pub fn with_number(number: u8) -> Self {
         Self(number)
     }
 
-    /// The [`level`] of the line.
-    pub const fn level(self) -> u8 {
-        if self.number().wrapping_sub(BEGINS.0) < BEGINS.1 {
-            level::WARNING
-        } else if self.number().wrapping_sub(ENDS.0) < ENDS.1 {
-            level::INFO
-        } else {
-            level::NONE
-        }
-    }
-
-    /// True if the line tells of a failsafe: it is one from `Failsafe` up to `FailsafeEnd`.
-    pub const fn begins_failsafe(self) -> bool {
-        let after = self.number().wrapping_sub(Self::Failsafe.number());
-        after < Self::FailsafeEnd.number() - Self::Failsafe.number()
+    /// The line of the condition with this number, when it begins.
+    pub const fn of_condition(n: u8) -> Self {
+        Self(OTHERS.len() as u8 + n)
     }
 
     /// True if the line logs that something was rejected.
@@ -183,11 +150,15 @@ lines! {
     }
     rejects if feature = "standard" {
         /// Rejected: a command while the vehicle is disarmed.
-        RefusedDisarmed = "refused: command from %s tid %t, disarmed",
+        RefusedDisarmed = if cfg!(feature = "safety") {
+            "refused: command from %s tid %t, disarmed (ArmingStatus)"
+        } else {
+            "refused: command from %s tid %t, disarmed"
+        },
     }
     rejects if feature = "safety" {
         /// Rejected: a command while the safety switch is on.
-        RefusedSafe = "refused: command from %s tid %t, safety switch on",
+        RefusedSafe = "refused: command from %s tid %t, safety switch on (SafetyState)",
     }
     logs if feature = "values" {
         /// Received and followed a unitless command.
@@ -278,14 +249,12 @@ lines! {
         // From here to `GaveUp` in the order of `mcp2515_ordered::Event`, as above.
         /// The CAN controller is on the bus.
         Running = "CAN: running",
-    }
-    begins if all() {
         /// No chip answers on the SPI: the wires that it can be, and CANSTAT.
-        NotAnswering = concat!("CS ", env!("NODE_CS"), " SI SO SCK 5V? (%c)"),
+        NotAnswering = concat!("CS ", env!("NODE_CS"), " SI SO SCK 5V? (%a)"),
         /// A register did not read back as written: its address.
-        NotKeeping = "SI SO SCK? register %c",
+        NotKeeping = "SI SO SCK? register %a",
         /// The CAN controller did not enter normal mode: CANSTAT.
-        NotStarting = "CAN H/L: never idle (%c)",
+        NotStarting = "CAN H/L: never idle (%a)",
         /// The CAN controller lost its configuration.
         ControllerLost = "5V? MCP2515 settings lost",
         /// INT does not follow the CAN controller.
@@ -294,72 +263,28 @@ lines! {
         AnotherRate = "another bit rate or crystal",
         /// No node acknowledges, or the bus is never idle: nothing was sent for a second.
         GaveUp = "CAN H/L: not sent (%a)",
-        /// Two nodes command the output.
-        TwoCommanders = "TWO COMMANDERS",
-        /// The CAN controller lost received frames.
-        FramesLost = "CAN: frames lost (%a x)",
-        /// The CAN controller is bus-off.
-        BusOff = "CAN H/L: bus-off",
-        /// The CAN controller is error-passive.
-        ErrorPassive = "CAN H/L: error-passive",
-        /// Values in the EEPROM were lost or out of range. The defaults apply to them.
-        ParametersLost = "parameters lost",
-        /// The temperature leaves its range.
-        OutOfRange = "temperature out of range",
         /// The temperature is out of range because the sensor is open or shorted.
         SensorFault = "temperature sensor fault",
+        /// The end of a condition: its line when it begins, which has no code.
+        Over = "over: %w",
     }
-    begins if feature = "standard" {
-        /// The vehicle is disarmed.
-        Disarmed = "disarmed",
-    }
-    begins if feature = "safety" {
+    logs if feature = "safety" {
         /// The safety switch is on.
         Safe = "safety switch on",
     }
-    begins if feature = "power" {
-        /// The voltage or the current leaves its range.
-        PowerOutOfRange = "circuit out of range",
+    logs if feature = "outputs" {
+        /// Commands above idle for a motor are refused, because their sender has not armed.
+        CommandsRefused = "commands refused: disarmed",
     }
-    begins if feature = "rpm" {
+    logs if feature = "rpm" {
         /// There are more pulses of the shaft than the node counts.
         TooManyPulses = "rpm: too many pulses",
-    }
-    // These three follow each other: see `begins_failsafe`.
-    begins if all() {
-        /// The failsafe begins.
-        Failsafe = "FAILSAFE: no commands",
-    }
-    begins if feature = "log" {
-        /// There is or was a failsafe, of which the node could not tell.
-        FailsafeMissed = "FAILSAFE while cut off",
-    }
-    begins if feature = "outputs" {
-        /// The outputs in failsafe, after a change: a digit for each.
-        FailsafeOf = "FAILSAFE of output %o",
-    }
-    ends if all() {
-        /// The failsafe ends.
-        FailsafeEnd = "commands again",
-        /// The CAN controller is error-active again.
-        ErrorActive = "CAN: error-active",
-        /// The temperature is in its range again.
-        OutOfRangeEnd = "temperature in range",
-    }
-    ends if feature = "standard" {
-        /// The vehicle is armed again, and ARM_REQ requires it.
-        DisarmedEnd = "armed",
-        /// Commands are followed again, and ARM_REQ requires no armed vehicle.
-        UnarmedEnd =
-            if cfg!(feature = "safety") { "safety switch off" } else { "ARM_REQ is 0" },
-    }
-    ends if feature = "power" {
-        /// The voltage and the current are in their ranges again.
-        PowerOutOfRangeEnd = "circuit in range",
-    }
-    ends if feature = "rpm" {
         /// The pulses of the shaft can be counted again.
         TooManyPulsesEnd = "rpm: pulses counted again",
+    }
+    logs if feature = "outputs" {
+        /// The outputs in failsafe, after a change: a digit for each.
+        FailsafeOf = "FAILSAFE of output %o",
     }
     words(RESET = PowerOn) if all() {
         /// Reset cause.

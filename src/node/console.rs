@@ -1,11 +1,25 @@
-//! Who reads the serial monitor through the bus: the tunnel, and the autopilot by LogMessage.
+//! Who reads the log: through the serial port, through the tunnel, and the autopilot by LogMessage.
 
-use crate::monitor::Line;
+use crate::monitor::{self, Line, Told};
 use crate::parts::log::Log;
 use crate::parts::tunnel::Tunnel;
+use crate::tables::condition::Conditions;
+
+/// True if DISARMED has several causes.
+pub const HAS_CAUSES: bool =
+    monitor::IS_THERE && (Line::Safe.is_built() || Line::CommandsRefused.is_built());
+
+/// The line of DISARMED for ARM_REQ.
+const DISARMED: Line = Line::of_condition(Conditions::DISARMED.number());
 
 /// The readers.
 pub struct Console {
+    /// The conditions that the serial monitor has told.
+    pub told: Told,
+    /// The last line about the controller, and its number.
+    pub controller: (Line, u16),
+    /// The line of the last cause of DISARMED.
+    pub disarmed: Line,
     /// The tunnel.
     pub tunnel: Tunnel,
     /// The messages for the autopilot.
@@ -15,18 +29,61 @@ pub struct Console {
 impl Console {
     /// Nobody reads.
     pub const fn new() -> Self {
-        Self { tunnel: Tunnel::new(), log: Log::new() }
+        // Lines of number 0, so that the initial value is all zero bytes.
+        Self {
+            told: Told::new(),
+            controller: (Line::Status, 0),
+            disarmed: Line::Status,
+            tunnel: Tunnel::new(),
+            log: Log::new(),
+        }
     }
 
-    /// True if the serial monitor may write a character: always if nobody reads it through the bus.
-    pub fn takes_character(&self, now_ms: u16) -> bool {
-        self.tunnel.has_room() && self.log.has_room(now_ms)
+    /// Takes note of a line about the controller. Each is logged.
+    pub fn note_controller(&mut self, line: Line, number: u16) {
+        if monitor::IS_THERE {
+            self.controller = (line, number);
+            self.tell_again(Conditions::CONTROLLER);
+        }
     }
 
-    /// Keeps a character of this line of the serial monitor, or 0 for none.
-    pub fn keep_character(&mut self, character: u8, line: Line, now_ms: u16) {
-        self.tunnel.push(character);
-        self.log.push(character, line, now_ms);
+    /// Takes note of the cause of DISARMED: the safety switch, a refusal of commands for motors, or
+    /// else ARM_REQ. Another cause is told, too.
+    pub fn note_disarmed(&mut self, is_safe: bool, is_refused: bool) {
+        if !HAS_CAUSES {
+            return;
+        }
+        let cause = if is_safe {
+            Line::Safe
+        } else if is_refused {
+            Line::CommandsRefused
+        } else {
+            DISARMED
+        };
+        if self.disarmed != cause {
+            self.disarmed = cause;
+            self.tell_again(Conditions::DISARMED);
+        }
+    }
+
+    /// Has a condition that is set told again: something about it has changed.
+    pub fn tell_again(&mut self, condition: Conditions) {
+        self.told.forget(condition);
+        self.log.tell_again(condition);
+    }
+
+    /// True if the serial monitor may write a character: always if no tunnel is open.
+    pub fn takes_character(&self) -> bool {
+        self.tunnel.has_room()
+    }
+
+    /// Keeps a character of the log, or 0 for none. Returns true if it is not for the serial port.
+    pub fn keep_character(&mut self, character: u8) -> bool {
+        let is_of_message = self.log.push(character);
+        if !is_of_message {
+            self.tunnel.push(character);
+        }
+        is_of_message
     }
 }
 

@@ -9,7 +9,7 @@ use super::health::Health;
 use super::publisher::Publisher;
 use super::record::Record;
 use crate::dialect;
-use crate::monitor::{Line, Monitor, Words};
+use crate::monitor::{Line, Words};
 use crate::parts::arming;
 use crate::parts::lights::Lights;
 use crate::parts::measurement::Measurement;
@@ -32,8 +32,6 @@ pub struct Context<'a> {
     pub publisher: &'a mut Publisher,
     /// The change of the filters that is pending.
     pub filters: &'a mut Filters,
-    /// The log.
-    pub monitor: &'a mut Monitor,
 }
 
 /// What commands move, and who gives them.
@@ -62,16 +60,9 @@ impl Control {
     /// Takes note of the sender of a command. `is_second`: the output that followed it has two
     /// commanders.
     #[inline(never)]
-    pub fn commanded_by(
-        &mut self,
-        source: NodeId,
-        is_second: bool,
-        health: &mut Health,
-        monitor: &mut Monitor,
-    ) {
+    pub fn commanded_by(&mut self, source: NodeId, is_second: bool, health: &mut Health) {
         let is_another = self.autopilot.commanded_by(source);
         if if arming::IS_BY_SOURCE { is_second } else { is_another } {
-            health.set(Conditions::TWO_COMMANDERS, true, [Line::TwoCommanders; 2], monitor);
             health.happened(Conditions::TWO_COMMANDERS);
         }
     }
@@ -84,7 +75,7 @@ impl Control {
             && (line == Line::RefusedDisarmed || line == Line::RefusedSafe)
             && let Some(source) = NodeId::new(transfer.source)
         {
-            self.commanded_by(source, false, &mut context.record.health, context.monitor);
+            self.commanded_by(source, false, &mut context.record.health);
         }
         line
     }

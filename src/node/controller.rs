@@ -7,7 +7,6 @@ use super::Node;
 use super::acceptance::{Filters, NodeAcceptance, Row};
 use super::health::count;
 use crate::monitor::{Line, Monitor};
-use crate::parts::log;
 use crate::progmem::Progmem;
 use crate::tables::bit_rate::Search;
 use crate::tables::condition::Conditions;
@@ -60,52 +59,53 @@ impl Node {
     /// Acts on an event of the CAN controller.
     #[inline(never)]
     pub fn notice(&mut self, notice: Notice, monitor: &mut Monitor) {
-        if !matches!(notice.event, CanEvent::Running | CanEvent::Flags) {
-            self.record.health.happened(Conditions::CONTROLLER);
+        if notice.event == CanEvent::Flags {
+            return self.flags(ErrorFlags(notice.value));
         }
-        let line = match notice.event {
-            CanEvent::Running => Line::Running,
-            CanEvent::NotAnswering => Line::NotAnswering,
-            CanEvent::NotKeeping => Line::NotKeeping,
-            CanEvent::NotStarting => Line::NotStarting,
-            CanEvent::Lost => Line::ControllerLost,
-            CanEvent::IntWrong => Line::IntWrong,
-            CanEvent::AnotherRate => Line::AnotherRate,
-            CanEvent::GaveUpSending => Line::GaveUp,
-            CanEvent::Flags => return self.flags(ErrorFlags(notice.value), monitor),
-        };
-        let event = monitor.log_line(line);
-        event.set_code(notice.value);
+        let line = line_of(notice.event);
+        if notice.event == CanEvent::Running {
+            monitor.log_line(line);
+            return;
+        }
+        let health = &mut self.record.health;
+        health.happened(Conditions::CONTROLLER);
+        let mut number = u16::from(notice.value);
         if notice.event == CanEvent::GaveUpSending {
-            count(&mut self.record.health.counts.given_up);
+            count(&mut health.counts.given_up);
+            number = health.counts.given_up;
         }
-        event.set_a(self.record.health.counts.given_up);
+        self.console.note_controller(line, number);
     }
 
-    fn flags(&mut self, flags: ErrorFlags, monitor: &mut Monitor) {
+    fn flags(&mut self, flags: ErrorFlags) {
+        let health = &mut self.record.health;
         if flags.frames_lost() {
-            count(&mut self.record.health.counts.overruns);
-            self.record.health.happened(Conditions::FRAMES_LOST);
-            monitor.log_line(Line::FramesLost).set_a(self.record.health.counts.overruns);
+            count(&mut health.counts.overruns);
+            health.happened(Conditions::FRAMES_LOST);
         }
         if flags.bus_off() {
-            self.record.health.happened(Conditions::BUS_OFF);
-            monitor.log_line(Line::BusOff);
+            health.happened(Conditions::BUS_OFF);
         }
-        let is_passive = flags.error_passive();
-        if log::IS_THERE
-            && !is_passive
-            && self.record.health.has(Conditions::ERROR_PASSIVE)
-            && self.record.health.has(Conditions::FAILSAFE)
-        {
-            // The messages of a node that was cut off are lost.
-            monitor.log_line(Line::FailsafeMissed);
+        let was_passive = health.has(Conditions::ERROR_PASSIVE);
+        health.set(Conditions::ERROR_PASSIVE, flags.error_passive());
+        if was_passive && !flags.error_passive() {
+            self.console.log.tell_again(health.conditions.told());
         }
-        self.record.health.set(
-            Conditions::ERROR_PASSIVE,
-            is_passive,
-            [Line::ErrorPassive, Line::ErrorActive],
-            monitor,
-        );
+    }
+}
+
+/// The line of an event, but of flags, which have none.
+#[inline(never)]
+fn line_of(event: CanEvent) -> Line {
+    match event {
+        CanEvent::Running => Line::Running,
+        CanEvent::NotAnswering => Line::NotAnswering,
+        CanEvent::NotKeeping => Line::NotKeeping,
+        CanEvent::NotStarting => Line::NotStarting,
+        CanEvent::Lost => Line::ControllerLost,
+        CanEvent::IntWrong => Line::IntWrong,
+        CanEvent::AnotherRate => Line::AnotherRate,
+        CanEvent::GaveUpSending => Line::GaveUp,
+        CanEvent::Flags => Line::NONE,
     }
 }

@@ -24,6 +24,7 @@ macro_rules! act {
         impl Node {
             /// Acts on a complete message. Returns the line to log, which is the reason of a
             /// refusal if it is refused.
+            #[allow(unused_variables, reason = "only the tunnel needs the monitor")]
             #[inline(always)]
             pub(super) fn act(
                 &mut self,
@@ -82,7 +83,6 @@ macro_rules! act {
             record: &mut $node.record,
             publisher: &mut $node.transmission.publisher,
             filters: &mut $node.filters,
-            monitor: $monitor,
         })
     };
     (@message ($node:ident, $message:ident, $now_ms:ident, $monitor:ident) $method:ident) => {

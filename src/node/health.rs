@@ -30,7 +30,8 @@ pub fn count(counter: &mut u16) {
 /// The node's conditions and counters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Health {
-    conditions: Conditions,
+    /// The conditions that are set.
+    pub conditions: Conditions,
     /// Beginnings of a second until the temporary conditions are cleared.
     hold_s: u8,
     /// Events since the start.
@@ -61,23 +62,20 @@ impl Health {
         self.conditions.code()
     }
 
-    /// True if this condition is set.
+    /// True if this condition, or one of these, is set.
     pub fn has(&self, condition: Conditions) -> bool {
         self.conditions.has(condition)
     }
 
     /// True if other nodes do not receive what the node sends, or did not a moment ago.
     pub fn is_or_was_cut_off(&self) -> bool {
-        let signs = Conditions::ERROR_PASSIVE.code()
-            | Conditions::BUS_OFF.code()
-            | Conditions::CONTROLLER.code();
-        self.code() & signs != 0
+        self.has(Conditions::CUT_OFF)
     }
 
-    /// The worst level that the masks give to a condition that is set, except those that are
-    /// `excused`.
-    pub fn level(&self, parameters: &Parameters, excused: Conditions) -> Level {
-        let code = self.code() & !excused.code();
+    /// The worst level that the masks give to a condition of this status code, except those that
+    /// are `excused`.
+    pub fn level(code: u16, parameters: &Parameters, excused: Conditions) -> Level {
+        let code = code & !excused.code();
         if code & parameters.get_or(Parameter::CritMask, CRIT_MASK) != 0 {
             Level::Critical
         } else if code & parameters.get_or(Parameter::ErrorMask, ERROR_MASK) != 0 {
@@ -89,27 +87,18 @@ impl Health {
         }
     }
 
-    /// Sets or clears a condition. Logs `begins` or `ends` if the condition changed.
+    /// Sets or clears a condition.
     #[inline(never)]
-    pub fn set(
-        &mut self,
-        condition: Conditions,
-        on: bool,
-        [begins, ends]: [Line; 2],
-        monitor: &mut Monitor,
-    ) {
-        if self.conditions.has(condition) != on {
-            self.conditions.set(condition, on);
-            monitor.log_line(if on { begins } else { ends });
-        }
+    pub fn set(&mut self, condition: Conditions, on: bool) {
+        self.conditions.set(condition, on);
     }
 
-    /// Sets a condition without logging it.
+    /// Sets a condition that is always told by the status code.
     pub fn set_silently(&mut self, condition: Conditions) {
         self.conditions.set(condition, true);
     }
 
-    /// Clears a condition without logging it.
+    /// Clears a condition.
     pub fn clear(&mut self, condition: Conditions) {
         self.conditions.set(condition, false);
     }
@@ -119,7 +108,7 @@ impl Health {
     /// cause, does not prolong the rest and is cleared with it.
     #[inline(never)]
     pub fn happened(&mut self, condition: Conditions) {
-        self.conditions.set(condition, true);
+        self.set(condition, true);
         if condition != Conditions::TRANSFER_ERRORS || self.hold_s == 0 {
             // The first second may begin at once.
             self.hold_s = self.hold_s.max(HOLD_S + 1);
@@ -159,8 +148,6 @@ mod tests {
     use super::*;
     use crate::golden;
 
-    const LINES: [Line; 2] = [Line::ErrorPassive, Line::ErrorActive];
-
     #[cfg(feature = "monitor")]
     fn logged(monitor: &mut Monitor) -> String {
         (0..2000)
@@ -176,10 +163,8 @@ mod tests {
         // of the node.
         let expected = [1, 0, 1, 1, 1, 1, 1, 1, 2, 1, 1, 3, 0, 0];
         for (condition, level) in golden::CONDITIONS.into_iter().zip(expected) {
-            let (mut health, mut monitor) = (Health::new(), Monitor::new());
-            health.set(condition, true, LINES, &mut monitor);
             assert_eq!(
-                health.level(&golden::parameters(&[]), Conditions::NONE) as u8,
+                Health::level(condition.code(), &golden::parameters(&[]), Conditions::NONE) as u8,
                 level,
                 "{:#06x}",
                 condition.code()
@@ -187,25 +172,10 @@ mod tests {
         }
     }
 
-    #[cfg(feature = "monitor")]
-    #[test]
-    fn a_condition_is_logged_when_it_begins_and_when_it_ends() {
-        let (mut health, mut monitor) = (Health::new(), Monitor::new());
-        for _ in 0..3 {
-            health.set(Conditions::ERROR_PASSIVE, true, LINES, &mut monitor);
-        }
-        assert_eq!(logged(&mut monitor), "CAN H/L: error-passive\r\n");
-        for _ in 0..3 {
-            health.set(Conditions::ERROR_PASSIVE, false, LINES, &mut monitor);
-        }
-        assert_eq!(logged(&mut monitor), "CAN: error-active\r\n");
-        assert_eq!(health.code(), 0);
-    }
-
     #[test]
     fn temporary_conditions_stay_set_for_ten_whole_seconds_and_others_until_cleared() {
-        let (mut health, mut monitor) = (Health::new(), Monitor::new());
-        health.set(Conditions::FAILSAFE, true, LINES, &mut monitor);
+        let mut health = Health::new();
+        health.set(Conditions::FAILSAFE, true);
         for again in [3, 9, 0] {
             health.happened(Conditions::BUS_OFF);
             for _ in 0..again {
@@ -256,7 +226,6 @@ mod tests {
     #[test]
     fn the_worst_mask_decides() {
         for condition in golden::CONDITIONS {
-            let (mut health, mut monitor) = (Health::new(), Monitor::new());
             let masks = |warn: u16, error: u16, critical: u16| {
                 golden::parameters(&[
                     (Parameter::WarnMask, warn.into()),
@@ -265,25 +234,25 @@ mod tests {
                 ])
             };
             let mask = condition.code();
-            assert_eq!(health.level(&masks(0xFFFF, 0xFFFF, 0xFFFF), Conditions::NONE), Level::Ok);
-            health.set(condition, true, LINES, &mut monitor);
+            let every = masks(0xFFFF, 0xFFFF, 0xFFFF);
+            assert_eq!(Health::level(0, &every, Conditions::NONE), Level::Ok);
             assert_eq!(
-                health.level(&masks(!mask, !mask, !mask), Conditions::NONE),
+                Health::level(mask, &masks(!mask, !mask, !mask), Conditions::NONE),
                 Level::Ok,
                 "{mask:#06x}"
             );
             assert_eq!(
-                health.level(&masks(mask, 0, 0), Conditions::NONE),
+                Health::level(mask, &masks(mask, 0, 0), Conditions::NONE),
                 Level::Warning,
                 "{mask:#06x}"
             );
             assert_eq!(
-                health.level(&masks(mask, mask, 0), Conditions::NONE),
+                Health::level(mask, &masks(mask, mask, 0), Conditions::NONE),
                 Level::Error,
                 "{mask:#06x}"
             );
             assert_eq!(
-                health.level(&masks(mask, mask, mask), Conditions::NONE),
+                Health::level(mask, &masks(mask, mask, mask), Conditions::NONE),
                 Level::Critical,
                 "{mask:#06x}"
             );

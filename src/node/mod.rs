@@ -14,7 +14,7 @@
 //! | `transmission` | when messages are sent ([`publisher`]), the requests that wait ([`services`]), the transfer in progress ([`outgoing`]) |
 //! | `sensors` | what is measured; [`temperature`] and [`thermometer`] compute the temperature |
 //! | `record` | what is counted and logged; [`health`] has conditions and counters |
-//! | `console` | who reads the serial monitor through the bus |
+//! | `console`, `log` | who reads the log; the begin and the end of each condition |
 //! | `identity` | the ID, and the unique ID of the hardware |
 //! | `controller`, `filters` | what the node wants of the CAN controller; [`acceptance`] derives the filters from the table of received types |
 //! | [`store`], `restart` | the parameters in EEPROM; the end of the program |
@@ -32,6 +32,7 @@ mod filters;
 mod get_set;
 pub mod health;
 mod identity;
+mod log;
 pub mod outgoing;
 mod payloads;
 pub mod publisher;
@@ -54,7 +55,6 @@ use crate::dialect;
 use crate::eeprom::Eeprom;
 use crate::hardware::{Input, OUTPUTS, ShaftPulses};
 use crate::monitor::{Line, Monitor, Words};
-use crate::parts::log;
 use crate::parts::outputs::Pulses;
 use crate::parts::outputs::travel::Ticks;
 use crate::parts::update::Update;
@@ -140,12 +140,7 @@ impl Node {
             self.parameters.set_defaults(flash);
             store::has_parameters(eeprom)
         };
-        self.record.health.set(
-            Conditions::PARAMETERS_LOST,
-            is_lost,
-            [Line::ParametersLost; 2],
-            monitor,
-        );
+        self.record.health.set(Conditions::PARAMETERS_LOST, is_lost);
         self.control.outputs.start(&self.parameters);
         self.control.outputs.update(&self.parameters);
         self.control.lights.update(&self.parameters);
@@ -290,7 +285,7 @@ impl Node {
         if self.console.tunnel.tick(now_ms) {
             self.transmission.publisher.publish(Publication::Targetted);
         }
-        if self.console.log.is_due(now_ms) {
+        if self.console.log.is_due() {
             self.transmission.publisher.publish(Publication::LogMessage);
         }
         if self.control.outputs.tick(now_ms, &self.parameters)
@@ -298,7 +293,8 @@ impl Node {
         {
             self.filters.change();
         }
-        self.report_outputs(monitor);
+        self.report_outputs();
+        self.log_condition(monitor);
         if now_ms.wrapping_sub(self.clock.second_ms) >= 1000 {
             self.clock.second_ms = self.clock.second_ms.wrapping_add(1000);
             self.chores.add(Chore::Second);
@@ -307,23 +303,23 @@ impl Node {
 
     /// Logs and publishes what has changed with the outputs: their failsafes, and if the vehicle is
     /// disarmed.
-    fn report_outputs(&mut self, monitor: &mut Monitor) {
-        if !self.control.outputs.has_recovered() {
-            self.record.health.set(Conditions::FAILSAFE, true, [Line::Failsafe; 2], monitor);
+    fn report_outputs(&mut self) {
+        let (health, outputs) = (&mut self.record.health, &mut self.control.outputs);
+        if !outputs.has_recovered() {
+            health.set(Conditions::FAILSAFE, true);
         }
-        if self.control.outputs.take_change() {
-            let failing = self.control.outputs.failing();
-            if failing != 0 {
-                monitor.log_line(Line::FailsafeOf).set_code(failing);
+        if outputs.take_change() {
+            if outputs.failing() != 0 {
+                self.console.tell_again(Conditions::FAILSAFE);
             }
             self.transmission.publisher.publish(Publication::FailsafeOutputs);
         }
-        let is_safe = self.control.outputs.safety.is_safe();
-        let is_disarmed = is_safe || self.control.outputs.arming.is_disarmed(&self.parameters);
-        let begins = if is_safe { Line::Safe } else { Line::Disarmed };
-        let requires_armed = self.parameters.is_on(Parameter::ArmReq);
-        let ends = if requires_armed { Line::DisarmedEnd } else { Line::UnarmedEnd };
-        self.record.health.set(Conditions::DISARMED, is_disarmed, [begins, ends], monitor);
+        let (is_safe, is_refused) = (outputs.safety.is_safe(), outputs.are_commands_refused());
+        let is_disarmed = is_safe | is_refused | outputs.arming.is_disarmed(&self.parameters);
+        health.set(Conditions::DISARMED, is_disarmed);
+        if is_disarmed {
+            self.console.note_disarmed(is_safe, is_refused);
+        }
     }
 
     /// True if an entry of a command waits to be followed.
@@ -345,19 +341,19 @@ impl Node {
         if let Some(source) = NodeId::new(followed.commander) {
             count(&mut self.record.health.counts.followed);
             let health = &mut self.record.health;
-            self.control.commanded_by(source, followed.is_second, health, monitor);
+            self.control.commanded_by(source, followed.is_second, health);
         }
         self.record.log(followed.line, monitor);
-        self.end_failsafe(monitor);
+        self.end_failsafe();
     }
 
     /// Ends the failsafe if commands are followed again.
-    fn end_failsafe(&mut self, monitor: &mut Monitor) {
+    fn end_failsafe(&mut self) {
         if self.record.health.has(Conditions::FAILSAFE) && self.control.outputs.has_recovered() {
-            // The messages of a node that was cut off are lost.
-            let was_cut_off = log::IS_THERE && self.record.health.is_or_was_cut_off();
-            let line = if was_cut_off { Line::FailsafeMissed } else { Line::FailsafeEnd };
-            self.record.health.set(Conditions::FAILSAFE, false, [line; 2], monitor);
+            if self.record.health.is_or_was_cut_off() {
+                self.console.log.tell_again(Conditions::FAILSAFE);
+            }
+            self.record.health.set(Conditions::FAILSAFE, false);
         }
     }
 
@@ -376,14 +372,14 @@ impl Node {
     }
 
     /// True if the serial monitor may write a character.
-    pub fn takes_character(&self, now_ms: u16) -> bool {
-        self.console.takes_character(now_ms)
+    pub fn takes_character(&self) -> bool {
+        self.console.takes_character()
     }
 
-    /// Keeps a character of this line of the serial monitor, or 0 for none, for whoever reads it
-    /// through the bus.
-    pub fn keep_character(&mut self, character: u8, line: Line, now_ms: u16) {
-        self.console.keep_character(character, line, now_ms);
+    /// Keeps a character of the log, or 0 for none, for whoever reads it through the bus. Returns
+    /// true if it is not for the serial port.
+    pub fn keep_character(&mut self, character: u8) -> bool {
+        self.console.keep_character(character)
     }
 
     /// The input of the ADC for the next reading.

@@ -6,6 +6,7 @@ use dronecan_wire::float16;
 use super::Node;
 use super::console::Console;
 use super::control::Control;
+use super::health::Health;
 use super::outgoing::Outgoing;
 use super::record::Record;
 use super::sensors::Sensors;
@@ -39,11 +40,10 @@ impl Node {
     /// NodeStatus, also as the first bytes of a GetNodeInfo response.
     #[inline(never)]
     pub(super) fn put_status(&mut self, now_ms: u16) -> bool {
-        let level =
-            self.record.health.level(&self.parameters, self.control.outputs.excused(now_ms));
+        let code = self.record.health.code();
+        let level = Health::level(code, &self.parameters, self.control.outputs.excused(now_ms));
         let mode = self.mode();
         let outgoing = &mut self.transmission.outgoing;
-        let code = self.record.health.code();
         let len = dialect::put_status(self.clock.uptime_s, level, mode, code, &mut |word| {
             outgoing.put16(word);
         });
@@ -76,6 +76,13 @@ impl Node {
             .outgoing
             .put8(self.sensors.power.rating_percent(output, &self.parameters));
         true
+    }
+
+    /// LogMessage.
+    pub(super) fn put_log_message(&mut self, now_ms: u16) -> bool {
+        let outgoing = &mut self.transmission.outgoing;
+        let now = self.record.health.conditions;
+        self.console.log.take(now, now_ms, |byte| outgoing.put8(byte))
     }
 
     /// Allocation: the next part of the request.
@@ -198,12 +205,6 @@ impl Record {
 
 #[allow(dead_code, reason = "a build may leave out the row that names one")]
 impl Console {
-    /// LogMessage.
-    pub fn put_log_message<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
-        self.log.take(filling.now_ms, |byte| filling.outgoing.put8(byte));
-        true
-    }
-
     /// tunnel.Targetted.
     pub fn put_targetted<C: CanCounters>(&mut self, filling: &mut Filling<C>) -> bool {
         self.tunnel.take(filling.now_ms, |byte| filling.outgoing.put8(byte));

@@ -99,8 +99,7 @@ impl Sensors {
     pub fn second(&mut self, parameters: &Parameters, health: &mut Health, monitor: &mut Monitor) {
         self.temperature.second(health, monitor);
         let is_wrong = self.power.second(parameters, monitor);
-        let lines = [Line::PowerOutOfRange, Line::PowerOutOfRangeEnd];
-        health.set(Conditions::POWER, is_wrong, lines, monitor);
+        health.set(Conditions::POWER, is_wrong);
     }
 }
 

@@ -11,6 +11,8 @@ use crate::tables::parameters::{Parameter, Parameters};
 const OVERHEATING: u8 = 1;
 /// Error flag of a Temperature: below the limit.
 const OVERCOOLING: u8 = 2;
+/// Not a flag of a Temperature: the sensor is open or shorted.
+const SENSOR_FAULT: u8 = 1 << 7;
 
 /// TEMP_SENSOR: when there is a sensor. 1 is when it was found.
 mod sensor {
@@ -68,7 +70,7 @@ impl Temperature {
 
     /// The error flags of a Temperature.
     pub fn flags(&self) -> u8 {
-        self.flags
+        self.flags & !SENSOR_FAULT
     }
 
     /// Computes the temperature from the last sum of readings, and compares it with TEMP_MIN and
@@ -88,6 +90,9 @@ impl Temperature {
         } else {
             0
         };
+        if self.thermometer.is_sensor_faulty() {
+            self.flags |= SENSOR_FAULT;
+        }
     }
 
     /// Logs the temperature, and sets or clears the condition for its limits and its sensor. Call
@@ -101,10 +106,12 @@ impl Temperature {
             let zero = (DEGREE_ZERO + 22) / 64 * 10 + 5;
             monitor.log_line(Line::Temperature).set_a(tenths.wrapping_sub(zero));
         }
-        let is_faulty = self.thermometer.is_sensor_faulty();
-        let begins = if is_faulty { Line::SensorFault } else { Line::OutOfRange };
-        let is_wrong = self.has_sensor && (is_faulty || self.flags != 0);
-        health.set(Conditions::TEMPERATURE, is_wrong, [begins, Line::OutOfRangeEnd], monitor);
+        health.set(Conditions::TEMPERATURE, self.has_sensor && self.flags != 0);
+    }
+
+    /// True if the sensor is open or shorted.
+    pub fn is_sensor_faulty(&self) -> bool {
+        self.flags & SENSOR_FAULT != 0
     }
 }
 

@@ -89,7 +89,8 @@ impl Rig {
 
     /// The current health.
     fn level(&self) -> u8 {
-        self.program.node.health().level(
+        health::Health::level(
+            self.code(),
             &self.program.node.parameters,
             self.program.node.control.outputs.excused(self.now_ms()),
         ) as u8

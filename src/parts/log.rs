@@ -3,12 +3,12 @@
 //! ```text
 //! level u3 | source u8[<=31] | text u8[<=90]
 //! ```
-//! The text is that of the serial monitor, whose characters the part keeps while they are sent. So
-//! a line that the monitor drops has no message. One message can wait. A line that tells of a
-//! failsafe takes its place.
+//! The node tells each condition that is not as it was told last, one at a time. The serial monitor
+//! makes the text between two of its own lines, and the part keeps it. A text that has become wrong
+//! before it is sent is dropped, and what is right is told in its place.
 
-use crate::monitor::Line;
-use crate::monitor::text::level;
+use crate::monitor::{Change, Told};
+use crate::tables::condition::Conditions;
 use crate::tables::publication::Publication;
 
 /// True: autopilots show which conditions begin and end.
@@ -18,83 +18,129 @@ pub const IS_THERE: bool = true;
 const ROOM: usize = Publication::LogMessage.longest() as usize - 1;
 
 /// The shortest time between two messages, in milliseconds. A condition that begins and ends with
-/// each frame must not fill the bus. Meanwhile one message can wait; further ones are dropped.
+/// each frame must not fill the bus.
 const PERIOD_MS: u16 = 500;
 
-/// Time that the serial monitor waits for a message, in milliseconds: enough for one that is sent
-/// at once, so that the next line can be kept, too.
-const HOLD_MS: u16 = 20;
+/// LogLevel (DSDL uavcan/protocol/debug/LogLevel.uavcan) of the end of a condition, and of its
+/// begin.
+const INFO: u8 = 1;
+const WARNING: u8 = 2;
 
-/// The line that is being kept, or waits to be sent.
+/// What the text is.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Text {
+    /// There is none.
+    None,
+    /// The serial monitor makes it.
+    Growing,
+    /// It waits to be sent.
+    Whole,
+}
+
+/// The message that is being made, or waits to be sent, and what was told before.
 pub struct Log {
-    text: [u8; ROOM],
+    characters: [u8; ROOM],
     len: u8,
-    /// The level of the message that waits; 0 while there is none.
-    level: u8,
-    /// A character of the present line was not kept.
-    is_cut: bool,
-    /// When the message was whole, and when the last one was sent.
-    whole_ms: u16,
+    text: Text,
+    /// The condition of the text, or of the last one.
+    condition: Conditions,
+    /// All conditions when the text was begun.
+    seen: Conditions,
+    told: Told,
+    /// Conditions that are to be told as they are, also if they were: but not while the node is
+    /// error-passive, because then other nodes may receive nothing.
+    again: Conditions,
+    /// When the last message was sent.
     sent_ms: u16,
 }
 
 impl Log {
     /// No message.
     pub const fn new() -> Self {
-        Self { text: [0; ROOM], len: 0, level: level::NONE, is_cut: false, whole_ms: 0, sent_ms: 0 }
-    }
-
-    /// True if the serial monitor may write a character.
-    pub fn has_room(&self, now_ms: u16) -> bool {
-        self.level == level::NONE || now_ms.wrapping_sub(self.whole_ms) >= HOLD_MS
-    }
-
-    /// Keeps a character of this line, or 0 for none.
-    #[inline(never)]
-    pub fn push(&mut self, character: u8, line: Line, now_ms: u16) {
-        let waits = self.level != level::NONE;
-        if character == b'\n' {
-            let is_cut = core::mem::take(&mut self.is_cut);
-            if waits {
-                return;
-            }
-            if is_cut || line.level() == level::NONE {
-                self.len = 0;
-                return;
-            }
-            self.level = line.level();
-            self.whole_ms = now_ms;
-        } else if character >= b' ' {
-            if self.is_cut {
-                return;
-            }
-            if waits {
-                if !line.begins_failsafe() {
-                    self.is_cut = true;
-                    return;
-                }
-                self.len = 0;
-                self.level = level::NONE;
-            }
-            if let Some(place) = self.text.get_mut(usize::from(self.len)) {
-                *place = character;
-                self.len += 1;
-            }
+        Self {
+            characters: [0; ROOM],
+            len: 0,
+            text: Text::None,
+            condition: Conditions::NONE,
+            seen: Conditions::NONE,
+            told: Told::new(),
+            again: Conditions::NONE,
+            sent_ms: 0,
         }
     }
 
-    /// True if a message is due.
-    pub fn is_due(&self, now_ms: u16) -> bool {
-        self.level != level::NONE && now_ms.wrapping_sub(self.sent_ms) >= PERIOD_MS
+    /// Begins the next message. Returns the change that it tells, whose text is to be pushed;
+    /// `None` if there is none, or one is in progress. A failsafe comes first.
+    #[inline(never)]
+    pub fn begin(&mut self, now: Conditions, now_ms: u16) -> Option<Change> {
+        if self.text != Text::None || now_ms.wrapping_sub(self.sent_ms) < PERIOD_MS {
+            return None;
+        }
+        let mut changed = self.told.changed(now);
+        if !now.has(Conditions::ERROR_PASSIVE) {
+            changed = changed.or(self.again);
+        }
+        if changed.is_empty() {
+            return None;
+        }
+        if changed.has(Conditions::FAILSAFE) {
+            changed = Conditions::FAILSAFE;
+        }
+        let (number, condition) = changed.first();
+        self.text = Text::Growing;
+        self.len = 0;
+        self.condition = condition;
+        self.seen = now;
+        Some(Change { number, begins: now.has(condition) })
     }
 
-    /// Removes the message: the payload, byte by byte.
-    pub fn take(&mut self, now_ms: u16, mut put: impl FnMut(u8)) {
-        put(self.level << 5);
-        self.text.iter().take(usize::from(self.len)).for_each(|&character| put(character));
-        self.len = 0;
-        self.level = level::NONE;
+    /// Keeps a character, or 0 for none. Returns false if it is not of a message.
+    #[inline(never)]
+    pub fn push(&mut self, character: u8) -> bool {
+        if self.text != Text::Growing {
+            return false;
+        }
+        if character == b'\n' {
+            self.text = Text::Whole;
+        } else if character >= b' '
+            && let Some(place) = self.characters.get_mut(usize::from(self.len))
+        {
+            *place = character;
+            self.len += 1;
+        }
+        true
+    }
+
+    /// True if a message is due.
+    pub fn is_due(&self) -> bool {
+        self.text == Text::Whole
+    }
+
+    /// Removes the message: the payload, byte by byte. Returns false if it has become wrong.
+    pub fn take(&mut self, now: Conditions, now_ms: u16, mut put: impl FnMut(u8)) -> bool {
+        if self.text != Text::Whole {
+            return false;
+        }
+        self.text = Text::None;
+        if self.seen != now {
+            return false;
+        }
+        let begins = now.has(self.condition);
+        put(if begins { WARNING } else { INFO } << 5);
+        self.characters.iter().take(usize::from(self.len)).for_each(|&character| put(character));
+        self.told.tell(self.condition, begins);
+        self.again.set(self.condition, now.has(Conditions::ERROR_PASSIVE));
         self.sent_ms = now_ms;
+        true
+    }
+
+    /// Has these conditions told as they are, also if they were told before: something about them
+    /// has changed, or other nodes may not have received it.
+    #[inline(never)]
+    pub fn tell_again(&mut self, conditions: Conditions) {
+        self.again = self.again.or(conditions);
+        // The text may be of before.
+        self.seen = Conditions::EVERY;
     }
 }
 
@@ -107,106 +153,130 @@ impl Default for Log {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::InMemory;
-    use crate::monitor::Monitor;
-    use crate::monitor::text::LINES;
+    use crate::golden;
+    use crate::tables::condition::TEXTS;
+    use std::string::String;
     use std::vec::Vec;
 
-    fn say(log: &mut Log, text: &str, line: Line) {
-        text.bytes().chain(*b"\r\n").for_each(|character| log.push(character, line, 0));
+    fn set(conditions: &[Conditions]) -> Conditions {
+        conditions.iter().fold(Conditions::NONE, |all, &one| all.or(one))
     }
 
-    fn message(log: &mut Log, now_ms: u16) -> (u8, Vec<u8>) {
+    /// Makes the text of a message that is due. Returns false if none is.
+    fn makes_text(log: &mut Log, now: Conditions, now_ms: u16) -> bool {
+        let Some(change) = log.begin(now, now_ms) else { return false };
+        let over = if change.begins { "" } else { "over: " };
+        for character in over.bytes().chain(TEXTS[usize::from(change.number)].bytes()) {
+            assert!(log.push(0) && log.push(character), "not for the serial port");
+            assert!(!log.is_due());
+        }
+        assert!(log.push(b'\r') && log.push(b'\n') && log.is_due() && !log.push(b'x'));
+        true
+    }
+
+    /// The level and the text of the message.
+    fn message(log: &mut Log, now: Conditions, now_ms: u16) -> Option<(u8, String)> {
         let mut payload = Vec::new();
-        log.take(now_ms, |byte| payload.push(byte));
-        (payload[0], payload[1..].to_vec())
+        let is_sent = log.take(now, now_ms, |byte| payload.push(byte));
+        let text = || String::from_utf8(payload[1..].to_vec()).unwrap();
+        is_sent.then(|| (payload[0] >> 5, text()))
+    }
+
+    /// All messages while the conditions stay as they are, one each half second.
+    fn messages(log: &mut Log, now: Conditions, now_ms: &mut u16) -> Vec<(u8, String)> {
+        let mut told = Vec::new();
+        while makes_text(log, now, *now_ms) {
+            told.push(message(log, now, *now_ms).expect("nothing has changed"));
+            *now_ms = now_ms.wrapping_add(PERIOD_MS);
+            assert!(told.len() < 50, "{told:?}");
+        }
+        told
+    }
+
+    fn told(level: u8, text: &str) -> (u8, String) {
+        (level, text.to_string())
     }
 
     #[test]
-    fn lines_about_conditions_are_told_with_their_level_and_no_others() {
-        let mut log = Log::new();
-        say(&mut log, "temperature +25.0 C", Line::Temperature);
-        assert!(!log.is_due(1000));
-        say(&mut log, "CAN H/L: bus-off", Line::BusOff);
-        assert!(log.is_due(1000));
-        assert_eq!(message(&mut log, 1000), (2 << 5, b"CAN H/L: bus-off".to_vec()));
-        say(&mut log, "CAN: error-active", Line::ErrorActive);
-        assert!(!log.is_due(1499) && log.is_due(1500));
-        // Whoever comes meanwhile does not disturb the one that waits.
-        say(&mut log, "CAN H/L: bus-off", Line::BusOff);
-        assert_eq!(message(&mut log, 1500), (1 << 5, b"CAN: error-active".to_vec()));
-        assert!(!log.is_due(5000));
-    }
-
-    #[test]
-    fn a_line_that_begins_while_a_message_waits_is_not_told_in_part() {
-        let mut log = Log::new();
-        say(&mut log, "CAN H/L: bus-off", Line::BusOff);
-        assert!(!log.has_room(19) && log.has_room(20), "the monitor waits for a moment only");
-        log.push(b'd', Line::Disarmed, 20);
-        message(&mut log, 1000);
-        say(&mut log, "isarmed", Line::Disarmed);
-        assert!(!log.is_due(5000) && log.has_room(0));
-        say(&mut log, "commands again", Line::FailsafeEnd);
-        assert_eq!(message(&mut log, 5000).1, b"commands again");
-    }
-
-    /// None is lost behind one about the bus.
-    #[test]
-    fn a_line_that_tells_of_a_failsafe_takes_the_place_of_the_message_that_waits() {
-        let mut log = Log::new();
-        for (text, line) in [
-            ("FAILSAFE: no commands", Line::Failsafe),
-            #[cfg(feature = "outputs")]
-            ("FAILSAFE of output 12", Line::FailsafeOf),
-            ("FAILSAFE while cut off", Line::FailsafeMissed),
-        ] {
-            say(&mut log, "CAN H/L: bus-off", Line::BusOff);
-            say(&mut log, text, line);
-            // While there is nothing to write, the line stays the last one.
-            log.push(0, line, 0);
-            assert_eq!(message(&mut log, 1000), (2 << 5, text.into()));
+    fn each_condition_is_told_when_it_begins_and_when_it_ends() {
+        let (mut log, mut now_ms) = (Log::new(), 0u16.wrapping_sub(PERIOD_MS));
+        for now in golden::CONDITIONS.into_iter().filter(|now| !now.told().is_empty()) {
+            let text = TEXTS[usize::from(now.number())];
+            assert_eq!(messages(&mut log, now, &mut now_ms), [told(WARNING, text)]);
+            let over = format!("over: {text}");
+            assert_eq!(messages(&mut log, Conditions::NONE, &mut now_ms), [told(INFO, &over)]);
         }
     }
 
     #[test]
     fn each_text_fits_whole_with_the_longest_values() {
-        for (number, text) in LINES.iter().enumerate() {
-            let line = Line::with_number(number as u8);
-            if line.level() == level::NONE {
-                continue;
-            }
-            let mut monitor = Monitor::new();
-            let event = monitor.log_line(line);
-            event.set_code(u8::MAX);
-            event.set_a(u16::MAX);
-            let mut log = Log::new();
-            let mut len = 0;
-            for _ in 0..1000 {
-                let character = monitor.next_byte(InMemory);
-                len += usize::from(character >= b' ');
-                log.push(character, line, 0);
-            }
-            assert!(len <= ROOM, "{len} characters: {text}");
-            assert_eq!(message(&mut log, 1000).1.len(), len, "{text}");
+        for text in TEXTS {
+            let over = format!("over: {}", text.replace("%a", "65535"));
+            assert!(over.len() <= ROOM, "{over}");
         }
     }
 
     #[test]
-    fn a_long_line_is_cut() {
-        let mut log = Log::new();
-        say(&mut log, &"x".repeat(100), Line::GaveUp);
-        assert_eq!(message(&mut log, 1000).1.len(), ROOM);
+    fn two_messages_are_half_a_second_apart() {
+        let (mut log, now) = (Log::new(), Conditions::BUS_OFF);
+        assert!(!makes_text(&mut log, now, 499) && makes_text(&mut log, now, 500));
+        assert!(log.begin(now, 500).is_none(), "one is in progress");
+        assert!(message(&mut log, now, 510).is_some());
+        let now = Conditions::NONE;
+        assert!(!makes_text(&mut log, now, 1009) && makes_text(&mut log, now, 1010));
     }
 
     #[test]
-    fn each_condition_has_a_line_of_a_level() {
-        let levels = |lines: &[Line]| lines.iter().map(|line| line.level()).collect::<Vec<_>>();
-        assert_eq!(
-            levels(&[Line::TwoCommanders, Line::FramesLost, Line::Failsafe, Line::SensorFault]),
-            [2; 4]
-        );
-        assert_eq!(levels(&[Line::ErrorActive, Line::FailsafeEnd, Line::OutOfRangeEnd]), [1; 3]);
-        assert_eq!(levels(&[Line::Status, Line::RefusedKind, Line::Banner, Line::NONE]), [0; 4]);
+    fn a_condition_that_ends_before_its_text_is_sent_is_not_told() {
+        let (mut log, mut now_ms) = (Log::new(), 1000);
+        assert!(makes_text(&mut log, Conditions::FAILSAFE, now_ms));
+        assert_eq!(message(&mut log, Conditions::NONE, now_ms), None);
+        assert_eq!(messages(&mut log, Conditions::NONE, &mut now_ms), []);
+        // While the text is made, too.
+        assert!(log.begin(Conditions::FAILSAFE, now_ms).is_some());
+        log.push(b'F');
+        log.push(b'\n');
+        assert_eq!(message(&mut log, Conditions::NONE, now_ms), None);
+    }
+
+    #[test]
+    fn of_several_conditions_a_failsafe_is_told_first_and_none_is_lost() {
+        let (mut log, mut now_ms) = (Log::new(), 1000);
+        let all = [Conditions::ID_CONFLICT, Conditions::FAILSAFE, Conditions::PARAMETERS_LOST];
+        let texts = messages(&mut log, set(&all), &mut now_ms);
+        assert_eq!(texts[0], told(WARNING, "FAILSAFE: no commands"));
+        assert_eq!(texts.len(), 3);
+        let texts = messages(&mut log, Conditions::ID_CONFLICT, &mut now_ms);
+        assert_eq!(texts[0], told(INFO, "over: FAILSAFE: no commands"));
+        assert_eq!(texts.len(), 2);
+    }
+
+    #[test]
+    fn a_condition_of_which_something_changed_is_told_again_and_its_end_once() {
+        let (mut log, mut now_ms, now) = (Log::new(), 1000, Conditions::FAILSAFE);
+        let begin = [told(WARNING, "FAILSAFE: no commands")];
+        assert_eq!(messages(&mut log, now, &mut now_ms), begin);
+        log.tell_again(now);
+        assert_eq!(messages(&mut log, now, &mut now_ms), begin);
+        // A text of before the change is not sent.
+        log.tell_again(now);
+        assert!(makes_text(&mut log, now, now_ms));
+        log.tell_again(now);
+        assert_eq!(message(&mut log, now, now_ms), None);
+        let end = [told(INFO, "over: FAILSAFE: no commands")];
+        assert_eq!(messages(&mut log, Conditions::NONE, &mut now_ms), end);
+    }
+
+    /// Nobody may have received it.
+    #[test]
+    fn what_is_told_while_the_node_is_error_passive_is_told_again_afterwards() {
+        let (mut log, mut now_ms, passive) = (Log::new(), 1000, Conditions::ERROR_PASSIVE);
+        let temperature = Conditions::TEMPERATURE;
+        messages(&mut log, temperature, &mut now_ms);
+        assert_eq!(messages(&mut log, set(&[temperature, passive]), &mut now_ms).len(), 1);
+        let end = told(INFO, "over: temperature out of range");
+        assert_eq!(messages(&mut log, passive, &mut now_ms), [end.clone()]);
+        let texts = messages(&mut log, Conditions::NONE, &mut now_ms);
+        assert_eq!(texts, [end, told(INFO, "over: CAN H/L: error-passive")]);
     }
 }

@@ -144,7 +144,7 @@ macro_rules! for_published {
             }
             if feature = "log" {
                 /// uavcan.protocol.debug.LogMessage
-                LogMessage = types::LOG_MESSAGE, long, 28, Event => console.put_log_message;
+                LogMessage = types::LOG_MESSAGE, long, 34, Event => put_log_message;
             }
             if feature = "tunnel" {
                 /// uavcan.tunnel.Targetted, with characters of the serial monitor.

@@ -160,7 +160,7 @@ fn a_motor_stops_at_disarming_and_ignores_commands() {
     assert_eq!(node.motors_us(), [None; 4], "it was never commanded");
     node.command(&[4096; 4]);
     assert_eq!(node.motors_us(), [Some(1000.0); 4], "the vehicle was never armed");
-    node.rig.wait_for_line("refused: command from 10 tid 0, disarmed", 50);
+    node.rig.wait_for_line("refused: command from 10 tid 0, disarmed (ArmingStatus)", 50);
     node.arm(ARMED);
     node.command(&[4096; 4]);
     assert_eq!(node.motors_us(), [Some(1500.0); 4]);

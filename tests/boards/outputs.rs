@@ -268,7 +268,7 @@ fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number()
         );
         assert_eq!(rig.serial.matches("FAILSAFE of output").count(), 1, "{}", rig.serial);
         command(&mut rig, 0..OUTPUTS);
-        rig.wait_for_line("commands again", 200);
+        rig.wait_for_line("over: FAILSAFE", 200);
         assert_eq!(rig.status_now(), (OK, 0));
         // The outputs are reported once they have not changed for some milliseconds.
         rig.run_ms(20);
@@ -295,7 +295,11 @@ fn a_failsafe_and_its_end_are_told_by_log_messages() {
     let told: Vec<String> = told.into_iter().map(|(_, text)| text).collect();
     assert_eq!(
         told,
-        ["WARNING: FAILSAFE: no commands", "WARNING: FAILSAFE of output 1", "INFO: commands again"],
+        [
+            "WARNING: FAILSAFE: no commands",
+            "WARNING: FAILSAFE of output 1",
+            "INFO: over: FAILSAFE: no commands"
+        ],
         "{}",
         rig.serial
     );

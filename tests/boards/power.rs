@@ -107,7 +107,7 @@ fn beyond_a_limit_the_circuit_status_has_a_flag_and_the_node_a_condition() {
         set(&mut rig, 12.0, 9.5);
         assert_eq!(statuses(&mut rig).last().map(|status| status.errors), Some(0));
         assert_eq!(rig.next_status(), (OK, 0));
-        assert!(rig.serial.contains("circuit in range"), "{}", rig.serial);
+        assert!(rig.serial.contains("over: circuit out of range"), "{}", rig.serial);
     }
 }
 

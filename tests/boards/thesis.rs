@@ -481,7 +481,7 @@ fn when_commands_stop_for_a_second_the_servo_holds_and_the_status_reports_it() {
         rig.run_ms(20);
     }
     assert_eq!(
-        rig.serial.lines().filter(|line| *line == "commands again").count(),
+        rig.serial.lines().filter(|line| *line == "over: FAILSAFE: no commands").count(),
         1,
         "{}",
         rig.serial

@@ -260,13 +260,15 @@ impl Page {
         }
         for (at, line) in happened.lines {
             // Several lines tell of one failsafe.
-            if line.contains("FAILSAFE") {
+            if line.contains("over: FAILSAFE") {
+                if self.failsafe_at.take().is_some() {
+                    self.events.push(mark(at, "commands again"));
+                }
+            } else if line.contains("FAILSAFE") {
                 self.failsafe_at.get_or_insert_with(|| {
                     self.events.push(mark(at, "failsafe"));
                     at
                 });
-            } else if line.contains("commands again") && self.failsafe_at.take().is_some() {
-                self.events.push(mark(at, "commands again"));
             }
             self.events.push(json!({"kind": "line", "at": seconds(at), "text": line}));
         }

@@ -5,7 +5,7 @@ use super::*;
 use crate::hardware::OUTPUTS;
 use crate::node::acceptance::Row;
 use crate::node::agenda::{FRAMES_BEFORE_ENTRY, Turn};
-use crate::tables::condition::Level;
+use crate::tables::condition::{Conditions, Level};
 use crate::tables::parameters::OutputParameter;
 
 const ARRAY_COMMAND: u32 = 0x1003_F20A;
@@ -618,11 +618,11 @@ fn an_update_is_accepted_from_a_disarmed_autopilot_and_called_off_if_it_arms_bef
 /// At each start of ArduPilot, and at its safety switch.
 #[cfg(feature = "safety")]
 #[test]
-fn the_monitor_says_armed_only_of_a_vehicle_that_is_armed() {
+fn the_monitor_says_why_commands_are_refused_and_when_that_is_over() {
     const SAFETY_STATE: u32 = 0x184E_200A;
     for (required, lines) in [
-        (0, ["safety switch on", "safety switch off"].as_slice()),
-        (1, ["disarmed", "armed"].as_slice()),
+        (0, ["safety switch on", "over: safety switch on"].as_slice()),
+        (1, ["disarmed", "safety switch on", "disarmed", "over: disarmed"].as_slice()),
     ] {
         let mut rig = Rig::with(&[(Parameter::ArmReq, required)]);
         rig.status_of(10);
@@ -691,11 +691,187 @@ fn a_failsafe_is_told_when_it_begins_and_ends_and_not_more_than_twice_a_second()
         .collect();
     assert_eq!(
         texts,
-        [(2, "FAILSAFE: no commands"), (2, "FAILSAFE of output 1"), (1, "commands again"),]
+        [
+            (2, "FAILSAFE: no commands"),
+            (2, "FAILSAFE of output 1"),
+            (1, "over: FAILSAFE: no commands")
+        ]
     );
     for pair in told.windows(2) {
         assert!(pair[1].0 - pair[0].0 >= 495, "{told:?}");
     }
+}
+
+/// The node's LogMessages: level and text.
+#[cfg(feature = "log")]
+fn told(rig: &Rig) -> Vec<(u8, String)> {
+    rig.transfers(LOG_MESSAGE, golden::LOG_MESSAGE)
+        .into_iter()
+        .map(|(_, payload, _)| (payload[0] >> 5, String::from_utf8(payload[1..].into()).unwrap()))
+        .collect()
+}
+
+/// An event of the CAN controller.
+#[cfg(feature = "log")]
+fn notice(rig: &mut Rig, event: mcp2515_ordered::Event, value: u8) {
+    rig.program.node.notice(Notice { event, value }, &mut rig.program.monitor);
+}
+
+/// Causes a condition, or ends its cause. One that passes has no end of its cause.
+#[cfg(feature = "log")]
+fn cause(rig: &mut Rig, condition: Conditions, on: bool) {
+    match condition {
+        Conditions::ID_CONFLICT if on => {
+            rig.hear(&golden::frame(NODE_STATUS, &[0, 0, 0, 0, 0, 0, 0, 0xC0]));
+        }
+        Conditions::FRAMES_LOST if on => notice(rig, mcp2515_ordered::Event::Flags, 1 << 7),
+        Conditions::ERROR_PASSIVE => notice(rig, mcp2515_ordered::Event::Flags, u8::from(on) << 4),
+        Conditions::BUS_OFF if on => notice(rig, mcp2515_ordered::Event::Flags, 1 << 5),
+        Conditions::TWO_COMMANDERS if on => {
+            rig.widths(&[(1, 1500)]);
+            let mut other = widths(&[(1, 1400)]);
+            for frame in &mut other {
+                *frame = golden::frame(ARRAY_COMMAND + 1, frame.data());
+            }
+            rig.can.received.extend(other);
+            rig.settle();
+            rig.set_output(0, OutputParameter::Timeout, 0);
+        }
+        Conditions::FAILSAFE if on => {
+            rig.set_output(0, OutputParameter::Timeout, 100);
+            rig.widths(&[(1, 1500)]);
+        }
+        Conditions::FAILSAFE => {
+            rig.set_output(0, OutputParameter::Timeout, 0);
+            rig.widths(&[(1, 1500)]);
+        }
+        Conditions::TEMPERATURE => rig.readings = [if on { 246 } else { 51 }; 2],
+        Conditions::POWER => rig.set(Parameter::Pwr1VoltMin, if on { 60_000 } else { 0 }),
+        Conditions::PARAMETERS_LOST => rig.program.node.record.health.set(condition, on),
+        Conditions::DISARMED => rig.set(Parameter::ArmReq, on.into()),
+        _ => assert!(!on),
+    }
+}
+
+/// Each condition of the table.
+#[cfg(feature = "log")]
+#[test]
+fn each_condition_is_told_by_monitor_and_log_message_when_it_begins_and_when_it_is_over() {
+    for condition in golden::CONDITIONS {
+        if condition.told().is_empty() || condition == Conditions::CONTROLLER {
+            continue;
+        }
+        let mut rig = Rig::with(&[(Parameter::PwrRate, 1), (Parameter::Pwr1VoltMult, 5000)]);
+        rig.run(1500);
+        rig.log.clear();
+        rig.can.sent.clear();
+        cause(&mut rig, condition, true);
+        rig.run(1500);
+        let text = crate::tables::condition::TEXTS[usize::from(condition.number())];
+        let text = text.replace("%a", "1");
+        assert_eq!(told(&rig), [(2, text.clone())]);
+        cause(&mut rig, condition, false);
+        rig.run(12_000);
+        let over = format!("over: {text}");
+        assert_eq!(told(&rig), [(2, text.clone()), (1, over.clone())]);
+        let log = String::from_utf8(rig.log.clone()).unwrap();
+        let lines: Vec<_> = log.lines().filter(|line| line.ends_with(&text)).collect();
+        assert_eq!(lines, [text, over], "{log}");
+    }
+}
+
+#[cfg(feature = "log")]
+#[test]
+fn each_event_of_the_controller_is_told_by_its_own_text_when_it_begins_and_when_it_is_over() {
+    for (event, text) in [
+        (mcp2515_ordered::Event::NotKeeping, "SI SO SCK? register 43"),
+        (mcp2515_ordered::Event::NotStarting, "CAN H/L: never idle (43)"),
+        (mcp2515_ordered::Event::Lost, "5V? MCP2515 settings lost"),
+        (mcp2515_ordered::Event::IntWrong, "INT open or shorted"),
+        (mcp2515_ordered::Event::AnotherRate, "another bit rate or crystal"),
+        (mcp2515_ordered::Event::GaveUpSending, "CAN H/L: not sent (1)"),
+    ] {
+        let mut rig = Rig::with(&[]);
+        rig.run(1500);
+        rig.can.sent.clear();
+        notice(&mut rig, event, 43);
+        rig.run(1500);
+        assert_eq!(told(&rig), [(2, text.to_string())]);
+        rig.run(12_000);
+        assert_eq!(told(&rig)[1..], [(1, format!("over: {text}"))]);
+        let log = String::from_utf8(rig.log.clone()).unwrap();
+        assert_eq!(log.lines().filter(|line| line.ends_with(text)).count(), 2, "{log}");
+    }
+}
+
+/// And no others, although the status code has them.
+#[cfg(feature = "log")]
+#[test]
+fn conditions_that_are_set_are_told_again_when_the_node_is_error_active_again() {
+    let mut rig = Rig::new();
+    rig.run(1500);
+    for event in [1 << 5, 1 << 4] {
+        notice(&mut rig, mcp2515_ordered::Event::Flags, event);
+    }
+    rig.program.node.record.health.happened(Conditions::TRANSFER_ERRORS);
+    rig.run(2000);
+    rig.can.sent.clear();
+    notice(&mut rig, mcp2515_ordered::Event::Flags, 0);
+    rig.run(3000);
+    let texts = [(2, "CAN H/L: bus-off"), (1, "over: CAN H/L: error-passive")];
+    assert_eq!(told(&rig), texts.map(|(level, text)| (level, text.to_string())));
+}
+
+/// The ground station's last word about it must be right, whenever the commands come back.
+#[cfg(feature = "log")]
+#[test]
+fn the_last_message_about_a_failsafe_is_its_end_after_any_gap_in_the_commands() {
+    for gap_ms in (120..700).step_by(20) {
+        let mut rig = hub();
+        rig.set_output(2, OutputParameter::Timeout, 100);
+        rig.run(1000);
+        rig.widths(&[(3, 1500)]);
+        rig.run(gap_ms);
+        rig.can.sent.clear();
+        for _ in 0..100 {
+            rig.widths(&[(3, 1500)]);
+            rig.run(20);
+        }
+        let told = told(&rig);
+        let end = (1, "over: FAILSAFE: no commands".to_string());
+        assert_eq!(told.last(), Some(&end), "{gap_ms} ms: {told:?}");
+    }
+}
+
+/// PX4 without UAVCAN_PUB_ARM sends no ArmingStatus.
+#[cfg(feature = "log")]
+#[test]
+fn commands_above_idle_that_are_refused_for_two_seconds_because_nobody_armed_are_a_condition() {
+    const DISARMED: u16 = 1 << 14;
+    let refused = |payload: &str, ms: u32| {
+        let mut rig = hub();
+        rig.set_output(4, OutputParameter::Type, 1);
+        rig.set_output(4, OutputParameter::Id, 0);
+        rig.can.sent.clear();
+        for _ in 0..ms / 20 {
+            rig.throttles(payload);
+            rig.run(20);
+        }
+        rig
+    };
+    assert_eq!(refused("00 00", 5000).code(), 0, "idle");
+    assert_eq!(refused("04 00", 1900).code(), 0);
+    let mut rig = refused("04 00", 3100);
+    assert_eq!((rig.code(), rig.level()), (DISARMED, Level::Ok as u8));
+    rig.run(600);
+    assert_eq!(told(&rig), [(2, "commands refused: disarmed".to_string())]);
+    rig.arm(255);
+    for _ in 0..150 {
+        rig.throttles("04 00");
+        rig.run(20);
+    }
+    assert_eq!(rig.code(), 0);
+    assert_eq!(told(&rig)[1..], [(1, "over: commands refused: disarmed".to_string())]);
 }
 
 /// They are looked at one after the other.

@@ -1,6 +1,7 @@
 //! No debug.LogMessage.
 
-use crate::monitor::Line;
+use crate::monitor::Change;
+use crate::tables::condition::Conditions;
 
 /// False.
 pub const IS_THERE: bool = false;
@@ -15,19 +16,26 @@ impl Log {
         Self
     }
 
-    /// True.
-    pub fn has_room(&self, _now_ms: u16) -> bool {
-        true
+    /// `None`.
+    pub fn begin(&mut self, _now: Conditions, _now_ms: u16) -> Option<Change> {
+        None
     }
 
-    /// Does nothing.
-    pub fn push(&mut self, _character: u8, _line: Line, _now_ms: u16) {}
+    /// False.
+    pub fn push(&mut self, _character: u8) -> bool {
+        false
+    }
 
     /// False.
-    pub fn is_due(&self, _now_ms: u16) -> bool {
+    pub fn is_due(&self) -> bool {
+        false
+    }
+
+    /// False.
+    pub fn take(&mut self, _now: Conditions, _now_ms: u16, _put: impl FnMut(u8)) -> bool {
         false
     }
 
     /// Does nothing.
-    pub fn take(&mut self, _now_ms: u16, _put: impl FnMut(u8)) {}
+    pub fn tell_again(&mut self, _conditions: Conditions) {}
 }

@@ -95,6 +95,11 @@ impl Outputs {
         self.failing
     }
 
+    /// Outputs in failsafe when [`take_change`](Self::take_change) was true last.
+    pub fn reported(&self) -> u8 {
+        self.reported
+    }
+
     /// True if an output is in failsafe and several are in use. With one output, the status of the
     /// node says so.
     pub fn is_one_of_several_failing(&self) -> bool {

@@ -12,6 +12,12 @@ impl Outputs {
         self.kinds.motors.outputs() != 0
     }
 
+    /// True if commands above idle have been refused for two to three seconds, because their sender
+    /// has not armed.
+    pub fn are_commands_refused(&self) -> bool {
+        self.kinds.motors.are_refused()
+    }
+
     /// Takes note of an esc.RawCommand: keeps its commands for the outputs that are motors. Returns
     /// the line for the reason of a refusal; [`Line::NONE`] if there is none.
     pub fn act_on_raw_command(&mut self, command: &Transfer, parameters: &Parameters) -> Line {
@@ -23,6 +29,9 @@ impl Outputs {
         let line = self.blocked(found, command.source, parameters);
         if line != Line::NONE {
             self.kinds.motors.refuse(found);
+            if line == Line::RefusedDisarmed {
+                self.kinds.motors.is_disarmed(command);
+            }
             return line;
         }
         let left_out = self.kinds.motors.kept() & !found;

@@ -11,6 +11,11 @@ impl Outputs {
         false
     }
 
+    /// False.
+    pub fn are_commands_refused(&self) -> bool {
+        false
+    }
+
     /// [`Line::NONE`].
     pub fn act_on_raw_command(&mut self, _: &Transfer, _: &Parameters) -> Line {
         Line::NONE

@@ -9,6 +9,12 @@ use super::super::travel::{CommandType, Ticks, Travel};
 use crate::tables::parameters::{Parameter, Parameters};
 use crate::tables::wire::{KEPT, Transfer};
 
+/// Set in `refused_s`: this second is one of them.
+const IN_THIS_SECOND: u8 = 0x80;
+
+/// The first of these seconds may have begun before the first command.
+const REFUSED_S: u8 = 3;
+
 /// Which outputs are motors, and the newest esc.RawCommand. It is unpacked when a motor follows it:
 /// a command for eight motors takes 1,000 cycles, and frames must not wait for that.
 pub struct Motors {
@@ -24,6 +30,9 @@ pub struct Motors {
     /// Motors that got a command that they must not follow, and have not acted on it: bit n is
     /// output n.
     idle: u8,
+    /// Seconds in which a command above idle was refused because its sender has not armed, one
+    /// after the other and at most three; in the highest bit, that this second is one of them.
+    refused_s: u8,
     /// Motors without a command in the last esc.RawCommand, which have not acted on it: bit n is
     /// output n.
     left_out: u8,
@@ -45,6 +54,7 @@ impl Motors {
             transfer: 0,
             payload: [0; KEPT],
             idle: 0,
+            refused_s: 0,
             left_out: 0,
             left_out_by: 0,
             len: 0,
@@ -101,6 +111,19 @@ impl Motors {
     /// These motors, a bit each, got a command that they must not follow.
     pub fn refuse(&mut self, motors: u8) {
         self.idle |= motors;
+    }
+
+    /// Takes note of an esc.RawCommand that is refused because its sender has not armed.
+    pub fn is_disarmed(&mut self, command: &Transfer) {
+        if command.payload().iter().any(|&byte| byte != 0) {
+            self.refused_s |= IN_THIS_SECOND;
+        }
+    }
+
+    /// True if commands above idle were refused for two to three seconds, because their sender has
+    /// not armed.
+    pub fn are_refused(&self) -> bool {
+        self.refused_s & !IN_THIS_SECOND == REFUSED_S
     }
 
     /// The command that is kept for a motor with this ID.
@@ -176,6 +199,13 @@ impl Kind for Motors {
         if output.pulse() != 0 {
             output.set_pulse(output.travel().low());
         }
+    }
+
+    fn second(&mut self, _parameters: &Parameters) {
+        self.refused_s = match self.refused_s.checked_sub(IN_THIS_SECOND) {
+            None => 0,
+            Some(seconds) => REFUSED_S.min(seconds + 1),
+        };
     }
 
     /// Stops, whatever SAFE_MODE says.

@@ -145,7 +145,7 @@ pub const NO_ACKNOWLEDGE: Case = Case {
         );
         trial.end(|rig| rig.bench.bus().inject(Fault::NoAck(false)));
         let measured = trial.recover(BUS_LIMIT_MS, 0);
-        assert!(trial.rig.serial.contains("CAN: error-active"), "{}", trial.rig.serial);
+        assert!(trial.rig.serial.contains("over: CAN H/L: error-passive"), "{}", trial.rig.serial);
         let (_, code) = trial.rig.status_now();
         assert_eq!(
             code & ERROR_PASSIVE,

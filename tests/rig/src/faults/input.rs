@@ -28,7 +28,7 @@ fn broken_sensor(millivolts: u32) -> Measured {
     assert_servo(&trial.rig, &[COMMANDED_US]);
     trial.end(|rig| rig.board().set_temperature_c(25.0));
     let measured = trial.recover(BUS_LIMIT_MS, 0);
-    trial.rig.wait_for_line("temperature in range", 1200);
+    trial.rig.wait_for_line("over: temperature", 1200);
     measured
 }
 
