@@ -37,12 +37,14 @@ pub enum Form {
     Parameter,
     /// One kept byte, then a text (BeginFirmwareUpdate).
     Text,
-    /// Kept numbers of four bytes, each followed by two zeros (GetTransportStats).
-    Numbers48,
 }
 
-/// The largest number of kept bytes: the longest message, or a NodeStatus.
-pub const KEPT: usize = if LONGEST > 8 { LONGEST } else { 8 };
+/// The largest number of kept bytes: the longest message, a NodeStatus, or the counters of
+/// GetTransportStats.
+pub const KEPT: usize = {
+    let longest = if LONGEST > 8 { LONGEST } else { 8 };
+    if longest > stats::LEN { longest } else { stats::LEN }
+};
 
 /// An outgoing transfer, frame by frame.
 pub struct Outgoing {
@@ -162,11 +164,12 @@ impl Outgoing {
         self.put8(high);
     }
 
-    /// Keeps four more bytes, little-endian.
+    /// Keeps a number of six more bytes, little-endian: a count of 32 bits in two words.
     #[inline(never)]
-    pub fn put32(&mut self, number: u32) {
-        self.put16(number as u16);
-        self.put16((number >> 16) as u16);
+    pub fn put48(&mut self, low: u16, high: u16) {
+        self.put16(low);
+        self.put16(high);
+        self.put16(0);
     }
 
     /// The CRC of the kept bytes, without a signature.
@@ -234,11 +237,6 @@ impl Payload {
             Form::Parameter => self.parameter.byte(at, flash),
             Form::Text if !update::HAS_TEXTS || at == 0 => self.kept(0),
             Form::Text => flash.information(self.text_at - 1 + at),
-            Form::Numbers48 if stats::LEN != 0 => {
-                let (number, at) = (at / 6, at % 6);
-                if at < 4 { self.kept(number * 4 + at) } else { 0 }
-            }
-            Form::Numbers48 => 0,
         }
     }
 }

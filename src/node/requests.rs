@@ -6,7 +6,6 @@ use super::outgoing::Form;
 use super::services::{ANSWERS_WHILE_SAVING, Pending, Reply, Response};
 use crate::hardware::{CanCounters, OUTPUTS};
 use crate::monitor::{self, Line, Words};
-use crate::parts::stats;
 use crate::parts::update::{self, HAS_TEXTS, Verdict};
 use crate::tables::condition::Conditions;
 use crate::tables::parameters::Conflict;
@@ -52,11 +51,8 @@ impl Node {
         _: &Pending,
         context: &mut Response<C, P>,
     ) -> bool {
-        self.record
-            .stats
-            .put_transport(context.counters, |number| self.transmission.outgoing.put32(number));
-        self.transmission.outgoing.payload.form = Form::Numbers48;
-        self.transmission.outgoing.payload.len = stats::LEN;
+        let outgoing = &mut self.transmission.outgoing;
+        self.record.stats.put_transport(context.counters, |low, high| outgoing.put48(low, high));
         true
     }
 

@@ -27,15 +27,11 @@ impl Count {
             self.high = self.high.wrapping_add(1);
         }
     }
-
-    fn get(&self) -> u32 {
-        u32::from(self.high) << 16 | u32::from(self.low)
-    }
 }
 
 /// Bytes of the counters in a GetTransportStats response: those of the transfers, and three of the
 /// controller (DSDL uavcan/protocol/4.GetTransportStats.uavcan).
-pub const LEN: u8 = 6 * 6;
+pub const LEN: usize = 6 * 6;
 
 impl Stats {
     /// No transfer yet.
@@ -66,14 +62,14 @@ impl Stats {
         self.broken.low
     }
 
-    /// Puts the lower 32 bits of each counter of GetTransportStats.
-    pub fn put_transport(&self, counters: &impl CanCounters, mut put: impl FnMut(u32)) {
-        put(self.sent.get());
-        put(self.received.get());
-        put(self.broken.get());
+    /// Puts the words of each counter of GetTransportStats, the low one first.
+    pub fn put_transport(&self, counters: &impl CanCounters, mut put: impl FnMut(u16, u16)) {
+        for count in [&self.sent, &self.received, &self.broken] {
+            put(count.low, count.high);
+        }
         for counter in [Counter::TxRequests, Counter::RxReceived, Counter::RxErrors] {
-            let [low, high] = counter.words().map(|n| counters.word(n));
-            put(u32::from(high) << 16 | u32::from(low));
+            let [low, high] = counter.words();
+            put(counters.word(low), counters.word(high));
         }
     }
 
@@ -94,7 +90,9 @@ mod tests {
         (0..65_537).for_each(|_| stats.count_sent());
         (0..3).for_each(|_| stats.count_broken());
         let mut put = std::vec::Vec::new();
-        stats.put_transport(&mcp2515_ordered::Counters::new(), |number| put.push(number));
+        stats.put_transport(&mcp2515_ordered::Counters::new(), |low, high| {
+            put.push(u32::from(high) << 16 | u32::from(low))
+        });
         assert_eq!(put, [65_537, 70_000, 3, 0, 0, 0]);
     }
 }

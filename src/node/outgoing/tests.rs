@@ -151,11 +151,10 @@ fn nothing_of_an_earlier_transfer_shows_in_a_later_one() {
 #[cfg(feature = "stats")]
 #[test]
 fn transport_stats_have_48_bits_for_each_number() {
-    let mut outgoing = new(Form::Numbers48);
-    for number in [1, 2, 3, 0x1_1234, 0x2_5678, 0x3_9ABC] {
-        outgoing.put32(number);
+    let mut outgoing = new(Form::Kept);
+    for (low, high) in [(1, 0), (2, 0), (3, 0), (0x1234, 1), (0x5678, 2), (0x9ABC, 3)] {
+        outgoing.put48(low, high);
     }
-    outgoing.payload.len = 36;
     begin(&mut outgoing, 0x1E04_7FF8, 5, golden::GET_TRANSPORT_STATS);
     assert_eq!(
         golden::text(&sent(&mut outgoing).0),

@@ -7,7 +7,7 @@ use crate::hardware::CanCounters;
 pub struct Stats;
 
 /// There is no response.
-pub const LEN: u8 = 0;
+pub const LEN: usize = 0;
 
 impl Stats {
     /// Nothing.
@@ -25,7 +25,7 @@ impl Stats {
     pub fn count_broken(&mut self) {}
 
     /// Does nothing.
-    pub fn put_transport(&self, _counters: &impl CanCounters, _put: impl FnMut(u32)) {}
+    pub fn put_transport(&self, _counters: &impl CanCounters, _put: impl FnMut(u16, u16)) {}
 
     /// Does nothing.
     pub fn put_can(&self, _counters: &impl CanCounters, _put: impl FnMut(u16)) {}
