@@ -257,7 +257,7 @@ impl Program {
         let Self { node, monitor, .. } = self;
         let now_ms = board.now_ms();
         if let Some(notice) = board.poll_controller(now_ms) {
-            node.notice(notice, monitor);
+            node.notice(notice);
         }
         let is_empty = board.is_controller_empty();
         if is_empty {

@@ -21,19 +21,21 @@ impl Told {
         Self(Conditions::NONE)
     }
 
-    /// The conditions that are not as the reader knows them.
+    /// The conditions that are not as the reader knows them, also those that no line tells.
     pub fn changed(&self, now: Conditions) -> Conditions {
-        self.0.xor(now).told()
+        self.0.xor(now)
     }
 
-    /// The reader is told of the next change. `None` if there is none.
+    /// The reader is told of the next change, but not of conditions that are `told` already, to which
+    /// it is added. `None` if there is none.
     #[inline(always)]
-    pub fn next(&mut self, now: Conditions) -> Option<Change> {
-        let changed = self.changed(now);
+    pub fn next(&mut self, now: Conditions, told: &mut Conditions) -> Option<Change> {
+        let changed = self.changed(now.told()).without(*told);
         if changed.is_empty() {
             return None;
         }
         let (number, condition) = changed.first();
+        *told = told.or(condition);
         self.0 = self.0.xor(condition);
         Some(Change { number, begins: self.0.has(condition) })
     }
@@ -44,6 +46,7 @@ impl Told {
     }
 
     /// The reader is to be told again that a condition is set.
+    #[inline(never)]
     pub fn forget(&mut self, condition: Conditions) {
         self.0.set(condition, false);
     }

@@ -1,6 +1,6 @@
 //! Who reads the log: through the serial port, through the tunnel, and the autopilot by LogMessage.
 
-use crate::monitor::{self, Line, Told};
+use crate::monitor::{self, Change, Line, Told};
 use crate::parts::log::Log;
 use crate::parts::tunnel::Tunnel;
 use crate::tables::condition::Conditions;
@@ -9,6 +9,10 @@ use crate::tables::condition::Conditions;
 pub const HAS_CAUSES: bool =
     monitor::IS_THERE && (Line::Safe.is_built() || Line::CommandsRefused.is_built());
 
+/// In [`Told`]: that the controller is on the bus is to be told. It is a bit of the reset cause, which no
+/// line tells.
+pub const RUNNING: Conditions = Conditions::DRAFT;
+
 /// The line of DISARMED for ARM_REQ.
 const DISARMED: Line = Line::of_condition(Conditions::DISARMED.number());
 
@@ -16,6 +20,8 @@ const DISARMED: Line = Line::of_condition(Conditions::DISARMED.number());
 pub struct Console {
     /// The conditions that the serial monitor has told.
     pub told: Told,
+    /// Those of which it has told something in this second.
+    told_now: Conditions,
     /// The last line about the controller, and its number.
     pub controller: (Line, u16),
     /// The line of the last cause of DISARMED.
@@ -32,6 +38,7 @@ impl Console {
         // Lines of number 0, so that the initial value is all zero bytes.
         Self {
             told: Told::new(),
+            told_now: Conditions::NONE,
             controller: (Line::Status, 0),
             disarmed: Line::Status,
             tunnel: Tunnel::new(),
@@ -39,7 +46,37 @@ impl Console {
         }
     }
 
-    /// Takes note of a line about the controller. Each is logged.
+    /// A new second. In each the serial monitor tells a condition once, because some come and go
+    /// with each frame.
+    pub fn second(&mut self) {
+        if monitor::IS_THERE {
+            self.told_now = Conditions::NONE;
+        }
+    }
+
+    /// The next change to be logged, also of [`RUNNING`].
+    #[inline(always)]
+    pub fn next_change(&mut self, now: Conditions) -> Option<Change> {
+        self.told.next(now, &mut self.told_now)
+    }
+
+    /// Has the serial monitor tell that the controller is on the bus.
+    #[inline(always)]
+    pub fn note_running(&mut self) {
+        if monitor::IS_THERE {
+            self.told.tell(RUNNING, true);
+        }
+    }
+
+    /// Has the serial monitor tell that a condition is set, also if it has told so before.
+    #[inline(never)]
+    pub fn happened(&mut self, condition: Conditions) {
+        if monitor::IS_THERE {
+            self.told.forget(condition);
+        }
+    }
+
+    /// Takes note of a line about the controller. The last one is logged.
     pub fn note_controller(&mut self, line: Line, number: u16) {
         if monitor::IS_THERE {
             self.controller = (line, number);
@@ -68,7 +105,7 @@ impl Console {
 
     /// Has a condition that is set told again: something about it has changed.
     pub fn tell_again(&mut self, condition: Conditions) {
-        self.told.forget(condition);
+        self.happened(condition);
         self.log.tell_again(condition);
     }
 

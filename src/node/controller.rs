@@ -6,7 +6,7 @@ use mcp2515_ordered::{Attempts, ErrorFlags, Event as CanEvent, Notice};
 use super::Node;
 use super::acceptance::{Filters, NodeAcceptance, Row};
 use super::health::count;
-use crate::monitor::{Line, Monitor};
+use crate::monitor::Line;
 use crate::progmem::Progmem;
 use crate::tables::bit_rate::Search;
 use crate::tables::condition::Conditions;
@@ -58,21 +58,19 @@ impl Node {
 
     /// Acts on an event of the CAN controller.
     #[inline(never)]
-    pub fn notice(&mut self, notice: Notice, monitor: &mut Monitor) {
+    pub fn notice(&mut self, notice: Notice) {
         if notice.event == CanEvent::Flags {
             return self.flags(ErrorFlags(notice.value));
         }
+        // Before the branch: so the compiler computes the number of the line, and does not compare.
         let line = line_of(notice.event);
         if notice.event == CanEvent::Running {
-            monitor.log_line(line);
-            return;
+            return self.console.note_running();
         }
-        let health = &mut self.record.health;
-        health.happened(Conditions::CONTROLLER);
+        self.record.health.happened(Conditions::CONTROLLER);
         let mut number = u16::from(notice.value);
         if notice.event == CanEvent::GaveUpSending {
-            count(&mut health.counts.given_up);
-            number = health.counts.given_up;
+            number = count(&mut self.record.health.counts.given_up);
         }
         self.console.note_controller(line, number);
     }
@@ -82,9 +80,11 @@ impl Node {
         if flags.frames_lost() {
             count(&mut health.counts.overruns);
             health.happened(Conditions::FRAMES_LOST);
+            self.console.happened(Conditions::FRAMES_LOST);
         }
         if flags.bus_off() {
             health.happened(Conditions::BUS_OFF);
+            self.console.happened(Conditions::BUS_OFF);
         }
         let was_passive = health.has(Conditions::ERROR_PASSIVE);
         health.set(Conditions::ERROR_PASSIVE, flags.error_passive());
@@ -94,7 +94,8 @@ impl Node {
     }
 }
 
-/// The line of an event, but of flags, which have none.
+/// The line of an event, but of flags, which have none, and of [`CanEvent::Running`], which the
+/// console tells.
 #[inline(never)]
 fn line_of(event: CanEvent) -> Line {
     match event {

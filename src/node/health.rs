@@ -21,10 +21,11 @@ pub struct Counts {
     pub given_up: u16,
 }
 
-/// Increments a counter, modulo 65,536.
+/// Increments a counter, modulo 65,536, and returns it.
 #[inline(never)]
-pub fn count(counter: &mut u16) {
+pub fn count(counter: &mut u16) -> u16 {
     *counter = counter.wrapping_add(1);
+    *counter
 }
 
 /// The node's conditions and counters.
@@ -49,10 +50,10 @@ impl Health {
     }
 
     /// Sets the condition for the reset cause, which [`second`](Self::second) clears after
-    /// [`RESET_HOLD_S`]. Clears all others.
+    /// [`RESET_HOLD_S`].
     pub fn start(&mut self, cause: ResetCause) {
-        self.conditions = Conditions::after(cause);
-        if self.conditions != Conditions::NONE {
+        if let Some(conditions) = Conditions::after(cause) {
+            self.conditions = conditions;
             self.hold_s = RESET_HOLD_S;
         }
     }

@@ -10,7 +10,7 @@ impl Node {
     #[inline(never)]
     pub(super) fn log_condition(&mut self, monitor: &mut Monitor) {
         if monitor::IS_THERE
-            && let Some(change) = self.console.told.next(self.record.health.conditions)
+            && let Some(change) = self.console.next_change(self.record.health.conditions)
         {
             self.describe(change, monitor.log_line(Line::Over));
         }
@@ -32,9 +32,14 @@ impl Node {
         const CONTROLLER: u8 = Conditions::CONTROLLER.number();
         const TEMPERATURE: u8 = Conditions::TEMPERATURE.number();
         const FAILSAFE: u8 = Conditions::FAILSAFE.number();
+        const RUNNING: u8 = console::RUNNING.number();
         const DISARMED: u8 = Conditions::DISARMED.number();
         event.set_a(self.record.health.counts.overruns);
         let mut line = Line::of_condition(change.number);
+        if change.number == RUNNING {
+            event.set_line(Line::Running);
+            return;
+        }
         if change.number == TEMPERATURE {
             if self.sensors.temperature.is_sensor_faulty() {
                 line = Line::SensorFault;

@@ -63,7 +63,7 @@ use crate::tables::Constants;
 use crate::tables::condition::{Conditions, ResetCause};
 use crate::tables::parameters::{Descriptions, Parameter, Parameters};
 use crate::tables::publication::Publication;
-use chores::{Chore, Chores};
+use chores::Chores;
 use console::Console;
 use control::Control;
 use filters::Filters;
@@ -203,14 +203,12 @@ impl Node {
 
     /// Does one pending chore.
     pub fn do_chore(&mut self, receiver: &mut Receiver, now_ms: u16, monitor: &mut Monitor) {
-        if self.chores.remove(Chore::ApplyParameters) {
-            self.apply_next_parameters(receiver);
-        } else if self.chores.remove(Chore::Measure) {
-            self.sensors.temperature.measure(&self.parameters);
-        } else if self.chores.remove(Chore::Second) {
-            self.second(monitor);
-        } else if self.chores.remove(Chore::MeasurePower) {
-            self.sensors.measure_power(&self.parameters, now_ms);
+        match self.chores.take_first() {
+            Chores::APPLY_PARAMETERS => self.apply_next_parameters(receiver),
+            Chores::MEASURE => self.sensors.temperature.measure(&self.parameters),
+            Chores::SECOND => self.second(monitor),
+            Chores::MEASURE_POWER => self.sensors.measure_power(&self.parameters, now_ms),
+            _ => {}
         }
     }
 
@@ -218,7 +216,7 @@ impl Node {
     pub fn apply_parameters(&mut self) {
         self.store.save_again();
         self.control.outputs.begin_update();
-        self.chores.add(Chore::ApplyParameters);
+        self.chores.add(Chores::APPLY_PARAMETERS);
     }
 
     /// Applies the parameters of the next output, and with those of the last one all others.
@@ -226,7 +224,7 @@ impl Node {
         let row = self.row();
         let applied = self.control.outputs.update_next(&self.parameters);
         if !applied.is_last {
-            self.chores.add(Chore::ApplyParameters);
+            self.chores.add(Chores::APPLY_PARAMETERS);
         }
         if OUTPUTS > 1 {
             receiver.forget_entries(applied.moved);
@@ -297,7 +295,7 @@ impl Node {
         self.log_condition(monitor);
         if now_ms.wrapping_sub(self.clock.second_ms) >= 1000 {
             self.clock.second_ms = self.clock.second_ms.wrapping_add(1000);
-            self.chores.add(Chore::Second);
+            self.chores.add(Chores::SECOND);
         }
     }
 
@@ -365,6 +363,7 @@ impl Node {
         self.control.outputs.second(self.clock.second_ms, &self.parameters);
         self.control.outputs.superseded.second(monitor);
         self.record.health.second();
+        self.console.second();
         if self.control.outputs.is_one_of_several_failing() {
             self.transmission.publisher.publish(Publication::FailsafeOutputs);
         }

@@ -1,7 +1,7 @@
 //! What the node measures: the readings of the ADC, the pulses of the shaft and the presses of the
 //! button, on their way to the parts that compute from them.
 
-use super::chores::{Chore, Chores};
+use super::chores::Chores;
 use super::health::Health;
 use super::publisher::Publisher;
 use super::temperature::Temperature;
@@ -45,10 +45,10 @@ impl Sensors {
     pub fn read_input(&mut self, reading: u16, next: Input, chores: &mut Chores) {
         let (input, is_complete) = self.power.add(reading, next);
         if is_complete {
-            chores.add(Chore::MeasurePower);
+            chores.add(Chores::MEASURE_POWER);
         }
         if input == Input::Sensor && self.temperature.add(reading) {
-            chores.add(Chore::Measure);
+            chores.add(Chores::MEASURE);
         }
     }
 

@@ -157,8 +157,12 @@ impl Store {
         if !is_selector(selector) {
             selector = eeprom.read(SELECTOR + 1);
         }
-        self.at = if selector == FIRST { PARAMETERS[0] } else { PARAMETERS[1] };
-        let mut is_lost = !is_selector(selector);
+        let mut is_lost = false;
+        self.at = PARAMETERS[0];
+        if selector != FIRST {
+            self.at = PARAMETERS[1];
+            is_lost = selector != SECOND;
+        }
         for _ in 0..PARAMETERS.len() {
             let at = self.at;
             self.at ^= OTHER;

@@ -367,7 +367,7 @@ fn health_is_that_of_the_worst_mask_that_a_condition_is_in() {
         rig.run(100);
         // EFLG with TXEP.
         let flags = Notice { event: mcp2515_ordered::Event::Flags, value: 1 << 4 };
-        rig.program.node.notice(flags, &mut rig.program.monitor);
+        rig.program.node.notice(flags);
         assert_eq!(rig.status(), (health << 6, 1 << 6), "{warn:04X} {error:04X} {critical:04X}");
     }
 }
@@ -409,7 +409,7 @@ fn temporary_conditions_show_for_ten_to_eleven_seconds() {
         for begin_ms in [3001, 3300, 3999] {
             let mut rig = Rig::new();
             rig.run(begin_ms);
-            rig.program.node.notice(Notice { event, value }, &mut rig.program.monitor);
+            rig.program.node.notice(Notice { event, value });
             rig.run(10_000);
             assert_eq!(rig.code(), 1 << bit, "{event:?} at {begin_ms}");
             rig.run(1002);
@@ -417,7 +417,7 @@ fn temporary_conditions_show_for_ten_to_eleven_seconds() {
         }
     }
     let mut rig = Rig::new();
-    rig.program.node.notice(Notice { event: Running, value: 0 }, &mut rig.program.monitor);
+    rig.program.node.notice(Notice { event: Running, value: 0 });
     assert_eq!(rig.code(), 0);
 }
 
@@ -428,7 +428,7 @@ fn error_passive_shows_while_it_lasts() {
     for (eflg, code) in
         [(0x08, 1 << 6), (0x10, 1 << 6), (0x18, 1 << 6), (0x07, 0), (0x10, 1 << 6), (0, 0)]
     {
-        rig.program.node.notice(Notice { event: Flags, value: eflg }, &mut rig.program.monitor);
+        rig.program.node.notice(Notice { event: Flags, value: eflg });
         rig.run(12_000);
         assert_eq!(rig.code(), code, "EFLG {eflg:02X}");
     }

@@ -25,6 +25,11 @@ pub const DEGREE_ZERO: u16 = ZERO_CELSIUS - 32;
 const AVCC: u16 = 6250;
 const BANDGAP: u16 = 1375;
 
+/// True if the build has no parameter of the sensor. Then the largest sum is 772.7 K, which is below
+/// all limits.
+const IS_FIXED: bool = !Parameter::TempSlope.is_built();
+const _: () = assert!(u16::MAX as u32 / 2 * AVCC as u32 / (TEMP_SLOPE as u32 * 64) < 32_735);
+
 /// Adds up readings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Thermometer {
@@ -79,7 +84,11 @@ impl Thermometer {
     pub fn uncorrected(&self, parameters: &Parameters) -> u16 {
         let reference = if parameters.is_on(Parameter::TempRef) { BANDGAP } else { AVCC };
         let slope = parameters.get_or(Parameter::TempSlope, TEMP_SLOPE);
-        scaled(self.latest >> 1, reference, slope << 6).saturating_add(ZERO_CELSIUS)
+        let above_zero = scaled(self.latest >> 1, reference, slope << 6);
+        if IS_FIXED {
+            return above_zero.wrapping_add(ZERO_CELSIUS);
+        }
+        above_zero.saturating_add(ZERO_CELSIUS)
     }
 }
 
@@ -89,7 +98,9 @@ pub fn corrected(measured: u16, parameters: &Parameters) -> u16 {
     // TEMP_OFFSET is in mV and TEMP_SLOPE in 0.1 mV per kelvin: times 10 for the unit and times 64
     // for 64ths of a kelvin is 640.
     let offset = parameters.get(Parameter::TempOffset) as i16;
-    // Always in a build without the parameter: the compiler does not look into `scaled`.
+    if IS_FIXED {
+        return measured;
+    }
     if offset == 0 {
         return measured.min(DEGREE_ZERO + 32_767);
     }

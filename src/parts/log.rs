@@ -76,7 +76,7 @@ impl Log {
         if self.text != Text::None || now_ms.wrapping_sub(self.sent_ms) < PERIOD_MS {
             return None;
         }
-        let mut changed = self.told.changed(now);
+        let mut changed = self.told.changed(now).told();
         if !now.has(Conditions::ERROR_PASSIVE) {
             changed = changed.or(self.again);
         }

@@ -141,28 +141,30 @@ impl Power {
     /// Computes voltage and current from the last sums, and compares them with their limits.
     #[inline(never)]
     pub fn measure(&mut self, parameters: &Parameters) {
-        let reference_mv = if parameters.is_on(Parameter::TempRef) { BANDGAP_MV } else { AVCC_MV };
-        let [voltage_mv, current_mv] =
-            self.latest.map(|sum| scaled(sum, reference_mv, FULL_SCALE) as i16);
-        let voltage_mv = (voltage_mv - parameters.get(Parameter::Pwr1VoltOfs) as i16).max(0);
-        self.millivolts = scaled(voltage_mv as u16, parameters.get(Parameter::Pwr1VoltMult), 1000);
-        let current_mv = current_mv - parameters.get(Parameter::Pwr1AmpOffset) as i16;
+        let [voltage, current] = self.latest;
+        let voltage_mv = above(voltage, Parameter::Pwr1VoltOfs, parameters);
+        self.millivolts = 0;
+        if voltage_mv >= 0 {
+            let multiplier = parameters.get(Parameter::Pwr1VoltMult);
+            self.millivolts = scaled(voltage_mv as u16, multiplier, 1000);
+        }
+        let current_mv = above(current, Parameter::Pwr1AmpOffset, parameters);
         let centiamperes =
             scaled(current_mv.unsigned_abs(), parameters.get(Parameter::Pwr1AmpPervlt), 1000);
         let centiamperes = centiamperes.min(i16::MAX as u16) as i16;
         self.centiamperes = if current_mv < 0 { -centiamperes } else { centiamperes };
         self.has_measured = true;
 
-        let limit = |parameter| Some(parameters.get(parameter)).filter(|&limit| limit != 0);
         self.flags = 0;
-        if limit(Parameter::Pwr1VoltMax).is_some_and(|most| self.millivolts > most) {
+        if is_above(self.millivolts, parameters.get(Parameter::Pwr1VoltMax)) {
             self.flags |= OVERVOLTAGE;
         }
-        if limit(Parameter::Pwr1VoltMin).is_some_and(|least| self.millivolts < least) {
+        // Nothing is below 0, which is no limit.
+        if self.millivolts < parameters.get(Parameter::Pwr1VoltMin) {
             self.flags |= UNDERVOLTAGE;
         }
-        if limit(Parameter::Pwr1AmpMax).is_some_and(|most| self.centiamperes.unsigned_abs() > most)
-        {
+        let magnitude = self.centiamperes.unsigned_abs();
+        if is_above(magnitude, parameters.get(Parameter::Pwr1AmpMax)) {
             self.flags |= OVERCURRENT;
         }
     }
@@ -181,6 +183,19 @@ impl Power {
         }
         self.flags != 0
     }
+}
+
+/// The voltage of an input above the offset that a parameter has, in millivolts.
+#[inline(never)]
+fn above(sum: u16, offset: Parameter, parameters: &Parameters) -> i16 {
+    let reference_mv = if parameters.is_on(Parameter::TempRef) { BANDGAP_MV } else { AVCC_MV };
+    scaled(sum, reference_mv, FULL_SCALE) as i16 - parameters.get(offset) as i16
+}
+
+/// True if a value is above its limit. 0 is no limit.
+#[inline(never)]
+fn is_above(value: u16, limit: u16) -> bool {
+    limit != 0 && value > limit
 }
 
 /// True if a message needs the circuit.

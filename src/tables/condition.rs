@@ -149,19 +149,19 @@ impl Conditions {
         self.first().0
     }
 
-    /// The conditions that are in one of the two sets.
+    /// The conditions that are in one of the two sets only.
     pub const fn xor(self, other: Self) -> Self {
         Self(self.0 ^ other.0)
-    }
-
-    /// The conditions of both sets.
-    pub const fn or(self, other: Self) -> Self {
-        Self(self.0 | other.0)
     }
 
     /// The conditions of this set that are not in the other one.
     pub const fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
+    }
+
+    /// The conditions that are in one of the sets, or in both.
+    pub const fn or(self, other: Self) -> Self {
+        Self(self.0 | other.0)
     }
 
     /// The conditions of this set that are told.
@@ -171,8 +171,9 @@ impl Conditions {
 
     /// The condition that a reset cause sets, if it is a fault: 1 for [`ResetCause::WATCHDOG`], 2
     /// for the next, and so on.
-    pub fn after(cause: ResetCause) -> Self {
-        Self(u16::from(cause.0.saturating_sub(ResetCause::ASKED_FOR.0)))
+    pub fn after(cause: ResetCause) -> Option<Self> {
+        const NO_FAULT: u8 = ResetCause::ASKED_FOR.0;
+        (cause.0 > NO_FAULT).then(|| Self(u16::from(cause.0.wrapping_sub(NO_FAULT))))
     }
 
     /// The vendor-specific status code.

@@ -263,6 +263,11 @@ pub const COUNT: usize = SINGLE.len() + OUTPUTS * TEMPLATE.len();
 const _: () = assert!(COUNT <= NONE as usize);
 
 impl Parameter {
+    /// True if the build has the parameter.
+    pub const fn is_built(self) -> bool {
+        self.0 != NONE
+    }
+
     /// The index of the parameter on the bus; [`NONE`] if the build leaves it out.
     pub const fn index(self) -> u8 {
         self.0

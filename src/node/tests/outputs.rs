@@ -630,7 +630,8 @@ fn the_monitor_says_why_commands_are_refused_and_when_that_is_over() {
         for (safety, arming) in [(0, 0), (255, 0), (255, 255)] {
             rig.hear(&golden::frame(SAFETY_STATE, &[safety, 0xC0]));
             rig.arm(arming);
-            rig.run(500);
+            // In each second a condition has one line.
+            rig.run(1100);
         }
         let log = String::from_utf8(rig.log.clone()).unwrap();
         let found: Vec<_> = log
@@ -714,7 +715,7 @@ fn told(rig: &Rig) -> Vec<(u8, String)> {
 /// An event of the CAN controller.
 #[cfg(feature = "log")]
 fn notice(rig: &mut Rig, event: mcp2515_ordered::Event, value: u8) {
-    rig.program.node.notice(Notice { event, value }, &mut rig.program.monitor);
+    rig.program.node.notice(Notice { event, value });
 }
 
 /// Causes a condition, or ends its cause. One that passes has no end of its cause.
@@ -895,7 +896,7 @@ fn a_lost_frame_is_no_warning_while_each_output_gets_its_next_command_within_50_
     for (period_ms, level) in [(20, 0), (49, 0), (60, 1)] {
         let mut rig = hub();
         rig.widths(&[(1, 1500), (2, 1500)]);
-        rig.program.node.notice(lost, &mut rig.program.monitor);
+        rig.program.node.notice(lost);
         for time in 1..=240 {
             rig.run(1);
             if time % 20 == 0 {
@@ -912,7 +913,7 @@ fn a_lost_frame_is_no_warning_while_each_output_gets_its_next_command_within_50_
         assert_eq!(rig.level(), 1, "the commands have stopped");
     }
     let mut rig = hub();
-    rig.program.node.notice(lost, &mut rig.program.monitor);
+    rig.program.node.notice(lost);
     assert_eq!(rig.level(), 1, "without commands");
 }
 

@@ -90,7 +90,10 @@ impl Parameters {
         }
         if index == Parameter::CanBaudrate.index() {
             let mut baudrate = 0;
-            while baudrate <= HIGHEST_RATE as u8 && in_bits_per_second(baudrate) != number as u32 {
+            while baudrate <= HIGHEST_RATE as u8 {
+                if in_bits_per_second(baudrate) == number as u32 {
+                    break;
+                }
                 baudrate += 1;
             }
             number = if LOWEST < 0 && number == 0 { LOWEST } else { i32::from(baudrate) };

@@ -243,10 +243,10 @@ impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
             if let Some(place) = self.bytes.get_mut(kept_at.plus(len).index()) {
                 *place = byte;
             }
-            // Of a saturating addition LLVM 22 makes 8 instructions in place of 3.
-            if !len.is(L::MAX) {
-                len = len.plus(L::from_u8(1));
+            if len.is(L::MAX) {
+                continue;
             }
+            len = len.plus(L::from_u8(1));
             if len.is(L::from_u8(entry_len)) {
                 len = L::ZERO;
                 // Of more than 255 entries a wrong CRC would match once in 65,536 times.

@@ -179,10 +179,7 @@ impl Rig {
                     Event::AnotherRate,
                 ];
                 let event = events[usize::from(event) % events.len()];
-                self.desk
-                    .program
-                    .node
-                    .notice(Notice { event, value }, &mut self.desk.program.monitor);
+                self.desk.program.node.notice(Notice { event, value });
             }
         }
     }
