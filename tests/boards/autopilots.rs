@@ -240,7 +240,9 @@ fn commands_that_are_lost_while_armed_are_a_failsafe_with_the_next_arming_status
         rig.forget();
         let now = rig.now();
         rig.autopilot().set_motors(0, now);
-        rig.wait_for_line("FAILSAFE of output 3", 200 + 500 + 20);
+        rig.wait_for_line("FAILSAFE: no commands", 200 + 500 + 20);
+        // Which output it is comes in the next second.
+        rig.wait_for_line("FAILSAFE of output 3", 1000);
         assert_eq!(rig.next_status(), (ERROR, FAILSAFE), "{phase_ms}");
     }
 }

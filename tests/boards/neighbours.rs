@@ -158,6 +158,7 @@ fn set_filters_at_many_moments(phases: u64) {
     rig.set("TELEM_RATE", 50);
     rig.set("TEMP_RATE", 50);
     let mut random = Noise::new(18);
+    let mut times_told = 0;
     rig.forget();
     for phase in 0..phases {
         rig.send_command(1, 0, 0.1);
@@ -184,12 +185,14 @@ fn set_filters_at_many_moments(phases: u64) {
             rig.broken.iter().filter(|(_, frame, _)| is_from_node(frame)).collect();
         assert!(broken.is_empty(), "phase {phase}: {broken:?}");
         assert!(rig.serial.contains("FAILSAFE"), "{}", rig.serial);
-        // With all features the lines of the requests fill the monitor's queue.
-        let is_dropped = has_all_features() && rig.serial.contains("lines dropped");
-        assert!(rig.serial.contains("CAN: running") || is_dropped, "{}", rig.serial);
+        times_told += rig.serial.matches("CAN: running").count();
         assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);
         rig.forget();
     }
+    // Once a second; a phase takes 120 ms. With all features the lines of the requests fill the
+    // monitor's queue.
+    let least = if has_all_features() { 1 } else { phases as usize / 20 };
+    assert!(times_told >= least, "{times_told} times on the bus again");
 }
 
 #[test]

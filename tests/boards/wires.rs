@@ -49,9 +49,10 @@ fn a_wrong_wire_of_the_spi_is_named_from_the_start_on_and_later() {
 
             let mut rig = Rig::running();
             break_wire(&mut rig, fault, undriven);
-            rig.wait_for_line(&format!("CS {cs} SI SO SCK 5V? ("), 500);
+            // Within a second the monitor tells one line about the controller.
+            rig.wait_for_line(&format!("CS {cs} SI SO SCK 5V? ("), 500 + 1000);
             rig.board().set_wrong_wire(None, undriven);
-            rig.wait_for_line("CAN: running", 300);
+            rig.wait_for_line("CAN: running", 300 + 1000);
         }
     }
 }
@@ -98,7 +99,7 @@ fn a_missing_supply_of_the_module_is_named_from_the_start_on_and_later() {
             rig.violations_expected = true;
             rig.overflows_expected = true;
             rig.board().chip_power_off(undriven);
-            rig.wait_for_line(&format!("CS {cs} SI SO SCK 5V? ("), 500);
+            rig.wait_for_line(&format!("CS {cs} SI SO SCK 5V? ("), 500 + 1000);
         }
     }
 }
@@ -110,7 +111,7 @@ fn a_supply_of_the_module_that_dips_is_named() {
     rig.overflows_expected = true;
     rig.board().chip_brown_out(1);
     rig.wait_for_line("5V? MCP2515 settings lost", 50);
-    rig.wait_for_line("CAN: running", 200);
+    rig.wait_for_line("CAN: running", 200 + 1000);
 }
 
 /// One of the two is open, or they are exchanged: neither side hears the other. A transceiver whose
