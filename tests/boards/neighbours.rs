@@ -184,7 +184,6 @@ fn set_filters_at_many_moments(phases: u64) {
         let broken: Vec<_> =
             rig.broken.iter().filter(|(_, frame, _)| is_from_node(frame)).collect();
         assert!(broken.is_empty(), "phase {phase}: {broken:?}");
-        assert!(rig.serial.contains("FAILSAFE"), "{}", rig.serial);
         times_told += rig.serial.matches("CAN: running").count();
         assert_eq!(rig.board().chip().borrow().rx_overflows(), 0);
         rig.forget();
