@@ -2,6 +2,7 @@
 //! takes frames of each length.
 
 use bench::can::Fault;
+use bench::corner::Corner;
 
 use crate::support::update_bench::*;
 
@@ -53,7 +54,9 @@ fn after_a_silence_a_wrong_bit_rate_disturbs_few_frames() {
         let took_ms = bench.wait_for("NodeStatus", 8000, |bench| !bench.statuses().is_empty());
         let errors = bench.errors();
         println!("{bit_rate} bit/s: {silent} + {errors} errors, NodeStatus after {took_ms} ms");
-        assert!(silent + errors <= 20, "{bit_rate}: {silent} + {errors} errors");
+        // It tries twice before, if its oscillators are fast.
+        let most = if rig::corner() == Corner::default() { 20 } else { 2 * 16 };
+        assert!(silent + errors <= most, "{bit_rate}: {silent} + {errors} errors");
         assert_eq!(bench.call(GET_NODE_INFO, &[]).len(), 41);
         assert_eq!(bench.errors(), 0, "{bit_rate}");
     }

@@ -197,7 +197,7 @@ fn each_pulse_has_the_width_that_was_commanded_two_milliseconds_before_it_begins
         let width_us = 1000.0 + 5.0 * step as f32;
         let all: Vec<_> = (1..=OUTPUTS as u8).map(|id| (id, PWM, width_us)).collect();
         rig.send_commands(&all);
-        commanded.push((rig.now() as i64, (width_us * 16.0) as i64));
+        commanded.push((by_node_clock(rig.now()) as i64, (width_us * 16.0) as i64));
         let next = rig.now() + 25 * MS + 2_300 * step;
         rig.run_until(next);
     }

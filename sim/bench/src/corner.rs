@@ -239,6 +239,11 @@ impl Corner {
         1.0 + self.get(Value::Clock) / 100.0
     }
 
+    /// Milliseconds in which a byte of EEPROM is erased and written.
+    pub fn eeprom_ms(&self) -> f64 {
+        self.get(Value::Eeprom)
+    }
+
     /// Milliseconds from a reset of the processor to its first instruction.
     pub fn start_ms(&self) -> u64 {
         self.get(Value::StartUp).ceil() as u64
