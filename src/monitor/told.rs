@@ -26,8 +26,8 @@ impl Told {
         self.0.xor(now)
     }
 
-    /// The reader is told of the next change, but not of conditions that are `told` already, to which
-    /// it is added. `None` if there is none.
+    /// The reader is told of the next change, but not of conditions that are `told` already, to
+    /// which it is added. `None` if there is none.
     #[inline(always)]
     pub fn next(&mut self, now: Conditions, told: &mut Conditions) -> Option<Change> {
         let changed = self.changed(now.told()).without(*told);

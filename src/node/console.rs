@@ -9,7 +9,7 @@ use crate::tables::condition::Conditions;
 pub const HAS_CAUSES: bool =
     monitor::IS_THERE && (Line::Safe.is_built() || Line::CommandsRefused.is_built());
 
-/// In [`Told`]: that the controller is on the bus is to be told. It is a bit of the reset cause, which no
+/// In [`Told`]: that the controller is on the bus is to be told. It is the bit of DRAFT, which no
 /// line tells.
 pub const RUNNING: Conditions = Conditions::DRAFT;
 

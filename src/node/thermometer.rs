@@ -25,8 +25,8 @@ pub const DEGREE_ZERO: u16 = ZERO_CELSIUS - 32;
 const AVCC: u16 = 6250;
 const BANDGAP: u16 = 1375;
 
-/// True if the build has no parameter of the sensor. Then the largest sum is 772.7 K, which is below
-/// all limits.
+/// True if the build has no parameter of the sensor. Then the largest sum is 772.7 K, which is
+/// below all limits.
 const IS_FIXED: bool = !Parameter::TempSlope.is_built();
 const _: () = assert!(u16::MAX as u32 / 2 * AVCC as u32 / (TEMP_SLOPE as u32 * 64) < 32_735);
 
