@@ -99,24 +99,6 @@ impl Kind {
         Kind::Mixed,
     ];
 
-    /// True if the frames are requests that the node answers.
-    pub fn is_request(self) -> bool {
-        matches!(
-            self,
-            Kind::Request
-                | Kind::ParameterRequest
-                | Kind::LongRequest
-                | Kind::OpcodeRequest
-                | Kind::RestartRequest
-                | Kind::UpdateRequest
-        )
-    }
-
-    /// True if the frames pass the filters but the node has no use for them.
-    pub fn is_rejected_by_program(self) -> bool {
-        matches!(self, Kind::LookAlike(_) | Kind::UnknownRequest(_) | Kind::Anonymous | Kind::OwnId)
-    }
-
     /// True if some of the frames move the servo.
     pub fn moves_servo(self) -> bool {
         matches!(
