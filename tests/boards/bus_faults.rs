@@ -78,8 +78,9 @@ const CUTS_OFF: [Fault; 9] = [
     Fault::Silence,
 ];
 
-/// Sends a command each 40 ms for so many seconds of the fault, each with a width of its own. Returns
-/// the commands that passed, and those whose width a pulse had.
+/// Sends a command each 40 ms for so many seconds of the fault, each with a width of its own.
+/// Returns the commands that passed, and those whose width a pulse had. Each line about the
+/// controller comes once a second.
 fn followed(fault: Fault, seconds: usize) -> (usize, usize) {
     let mut rig = Rig::running();
     let mut injector = Injector::new(&mut rig.bench);
