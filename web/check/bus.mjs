@@ -402,6 +402,42 @@ const tests = {
     }
   },
 
+  async "a check that is stopped, or whose adapter is pulled, puts back what it changed"(t) {
+    const { page } = await open(t, [...DIECIMILA, "--no-autopilot"]);
+    await hasNode(page, 120, /OPERATIONAL/);
+    await page.getByLabel("Node 120", { exact: true }).click();
+    const width = async () => {
+      await page.click("#can-part-parameters");
+      await page.click("#can-read");
+      await has(page, "#can-client", /parameters read/);
+      return page.getByLabel("OUT1_FS_PWM", { exact: true }).inputValue();
+    };
+    await page.click("text=Check the node");
+    await has(page, "#can-check-lines", /OK: Program: org\.dronecan\.servo168/);
+    await has(page, "#can-check-lines", /sets OUT1_FS_PWM from 1500/);
+    await page.click("text=Stop the check");
+    await has(page, "#can-check-lines", /OK: Put back: OUT1_FS_PWM 1500/);
+    await has(page, "#can-check-summary", /0 failed.*ended early: stopped/);
+    assert.equal(await width(), "1500");
+    // Of an adapter that is pulled the page keeps what is left, also when it is closed.
+    await page.click("text=Check the node");
+    await has(page, "#can-check-lines", /sets OUT1_FS_PWM from 1500/);
+    await pause(1000);
+    await page.evaluate(() => window.fakePort.lose());
+    await has(page, "#can-check-summary", /the adapter is gone/);
+    assert.match(await page.evaluate(() => localStorage.getItem("check-120")), /OUT1_FS_PWM":1500/);
+    await page.evaluate(() => window.plug());
+    await page.click("#can-connect");
+    await hasNode(page, 120, /OPERATIONAL/);
+    await page.getByLabel("Node 120", { exact: true }).click();
+    await page.click("text=Check the node");
+    await has(page, "#can-check-lines", /puts back what an earlier run has changed/);
+    await has(page, "#can-check-lines", /OK: Parameters: 19/);
+    await page.click("text=Stop the check");
+    await has(page, "#can-check-summary", /ended early: stopped/);
+    assert.equal(await width(), "1500");
+  },
+
   async "ten thousand frames a second: memory is bounded, and the page answers"(t) {
     const { page } = await open(t, [...UNO, "--no-autopilot"]);
     await page.click("#can-names");

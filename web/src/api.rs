@@ -545,6 +545,32 @@ impl RealBus {
             self.0.stop_update(node, time(now));
         }
     }
+
+    /// Begins to check a node. `left` is what earlier checks of it have not put back.
+    pub fn begin_check(&mut self, node: u8, left: &str, now: f64) {
+        if let Some(node) = NodeId::new(node) {
+            self.0.begin_check(node, left, time(now));
+        }
+    }
+
+    /// Answers the question of the checks: "yes", "no" or "skip".
+    pub fn answer_check(&mut self, answer: &str) {
+        if let Some(check) = self.0.check() {
+            check.answer(answer);
+        }
+    }
+
+    /// Ends the checks, and puts back what they have changed.
+    pub fn stop_check(&mut self) {
+        if let Some(check) = self.0.check() {
+            check.stop();
+        }
+    }
+
+    /// The report of the checks as Markdown.
+    pub fn check_report(&self) -> String {
+        self.0.check_report()
+    }
 }
 
 fn time(milliseconds: f64) -> Duration {

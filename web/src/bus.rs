@@ -5,10 +5,11 @@
 //! rate disturbs nobody. One that cannot only listen is opened when the user allows it. Then the
 //! adapter is opened to send, and the page takes a node ID that no node has, sends NodeStatus as
 //! each node does, and asks. If another node sends with that ID, the page sends nothing more until
-//! the user asks again. It has no command to an output.
+//! the user asks again. It commands an output only in a check.
 //!
 //! Memory is bounded: 127 nodes, one node's parameters, the last frames.
 
+mod check;
 mod frames;
 mod nodes;
 mod updates;
@@ -27,6 +28,7 @@ use serde_json::{Value as Json, json};
 
 use crate::dialogue::Dialogue;
 use crate::traffic::shown;
+use check::Check;
 use frames::Frames;
 use nodes::Nodes;
 use updates::Updates;
@@ -64,6 +66,7 @@ pub struct RealBus {
     wants_id: bool,
     search: Search,
     updates: Updates,
+    check: Option<Check>,
     /// The node whose parameters are shown.
     dialogue: Option<(NodeId, Dialogue)>,
     nodes: Nodes,
@@ -84,6 +87,7 @@ impl Default for RealBus {
             wants_id: false,
             search: Search::new(search::Nodes::All, Duration::ZERO),
             updates: Updates::default(),
+            check: None,
             dialogue: None,
             nodes: Nodes::default(),
             frames: Frames::new(1_000_000),
@@ -115,7 +119,13 @@ impl RealBus {
     pub fn receive(&mut self, bytes: &[u8], now: Duration) {
         let Some(adapter) = &mut self.adapter else { return };
         let mut frames = Vec::new();
-        let result = adapter.receive(bytes, now, &mut frames);
+        let mut stamps = Vec::new();
+        // The adapter keeps the stamp of the last frame only.
+        let result = bytes.iter().try_for_each(|byte| {
+            let result = adapter.receive(&[*byte], now, &mut frames);
+            stamps.resize(frames.len(), adapter.stamp_us());
+            result
+        });
         self.counters.received += frames.len() as u64;
         let stamp_us = adapter.stamp_us();
         for decoded in self.frames.add(&frames, None, now) {
@@ -124,8 +134,10 @@ impl RealBus {
         if !frames.is_empty() {
             self.frames.measure(stamp_us, now);
         }
-        for frame in &frames {
-            if let Some(transfer) = self.tool.receive(frame, now) {
+        for (frame, stamp_us) in frames.iter().zip(stamps) {
+            if let Some(check) = self.check.as_mut().filter(|check| check.is_running()) {
+                check.take(frame, now, stamp_us);
+            } else if let Some(transfer) = self.tool.receive(frame, now) {
                 self.take(&transfer, now);
             }
         }
@@ -153,6 +165,9 @@ impl RealBus {
 
     fn open_to_send(&mut self, now: Duration) {
         let mut adapter = Adapter::new(self.bit_rate, Channel::Normal, now);
+        if self.check.is_some() {
+            adapter.request_stamps();
+        }
         adapter.invalid = self.adapter.as_ref().map_or(0, |before| before.invalid);
         self.adapter = Some(adapter);
     }
@@ -175,6 +190,11 @@ impl RealBus {
         if !self.was_open {
             self.was_open = true;
             self.search = Search::new(search::Nodes::All, now);
+        }
+        if let Some(check) = self.check.as_mut().filter(|check| check.is_running()) {
+            self.queue.extend(check.poll(now, self.queue.len(), adapter));
+            self.send(now);
+            return;
         }
         if self.tool.has_conflict() {
             self.leave();
@@ -213,6 +233,9 @@ impl RealBus {
 
     fn end(&mut self) {
         self.updates.stop_all();
+        if let Some(check) = &mut self.check {
+            check.lose("the adapter is gone");
+        }
         self.adapter = None;
         self.was_open = false;
         self.asks_to_send = false;
@@ -390,6 +413,28 @@ impl RealBus {
         self.updates.stop(node, now);
     }
 
+    /// Begins to check a node. `left` is what earlier checks of it have not put back.
+    pub fn begin_check(&mut self, node: NodeId, left: &str, now: Duration) {
+        if self.adapter.is_some() && self.check.as_ref().is_none_or(|check| !check.is_running()) {
+            self.updates.stop_all();
+            self.let_go();
+            self.tool.leave();
+            self.queue.clear();
+            self.check = Some(Check::new(node, self.bit_rate, left));
+            self.open_to_send(now);
+        }
+    }
+
+    /// The checks.
+    pub fn check(&mut self) -> Option<&mut Check> {
+        self.check.as_mut()
+    }
+
+    /// The report of the checks.
+    pub fn check_report(&self) -> String {
+        self.check.as_ref().map_or_else(String::new, |check| check.report(self.bit_rate))
+    }
+
     // ---- requests and answers ----
 
     fn take(&mut self, transfer: &Transfer, now: Duration) {
@@ -453,6 +498,7 @@ impl RealBus {
             "chosen": self.dialogue.as_ref().map(|(node, _)| node.get()),
             "client": self.dialogue.as_ref().map(|(_, dialogue)| dialogue.json()),
             "updates": self.updates.json(),
+            "check": self.check.as_ref().map(|check| check.json(now)),
         })
     }
 

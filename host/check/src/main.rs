@@ -20,7 +20,7 @@ use clap::Parser as _;
 use dronecan_host::text::visible;
 use node_check::args::Args;
 use node_check::desk::{Answer, Changed, Output};
-use node_check::report::{Report, Row, Verdict};
+use node_check::report::{Report, Row, Verdict, board};
 use node_check::session::{Plan, Session};
 use node_update::file::FirmwareFile;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -141,10 +141,7 @@ fn about(args: &Args) -> Vec<(&'static str, String)> {
             "Serial port",
             args.port.as_ref().map_or("none".into(), |port| port.display().to_string()),
         ),
-        (
-            "Board, CAN board, stampings of the chips and the crystal, length of the bus",
-            "...".into(),
-        ),
+        board(),
     ]
 }
 

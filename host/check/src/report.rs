@@ -32,6 +32,12 @@ pub struct Row {
     pub verdict: Verdict,
 }
 
+/// The line about the board that a person completes.
+pub fn board() -> (&'static str, String) {
+    let what = "Board, CAN board, stampings of the chips and the crystal, length of the bus";
+    (what, "...".into())
+}
+
 /// What was checked, and the rows.
 #[derive(Clone, Debug, Default)]
 pub struct Report {

@@ -3,6 +3,7 @@
 import { RealBus } from "pkg/web.js";
 import boards from "boards.json";
 import { BusPanel } from "./bus-panel";
+import { CheckCard } from "./check";
 import { byId, download, make, setText, timeLeft } from "./dom";
 import { Parameters } from "./parameters";
 import { Port, choosePort, findAgain, whyNoPorts } from "./ports";
@@ -67,6 +68,11 @@ export class RealBusView {
   private readonly bus = new RealBus();
   private readonly frames = new BusPanel(PREFIX, [], null, (number) => this.bus.frame(number), undefined, NOTE);
   private readonly parameters = new Parameters(PREFIX, () => this.bus, () => `node-${this.chosen?.id}`);
+  private readonly check = new CheckCard(
+    this.bus,
+    () => this.now(),
+    () => this.chosen?.id ?? null,
+  );
   private readonly nodes = new Map<number, NodeRow>();
   private readonly updates = new Map<number, UpdateRow>();
   private readonly bitRate = byId<HTMLSelectElement>("can-rate");
@@ -298,7 +304,7 @@ export class RealBusView {
     return entry;
   }
 
-  private showChosen({ state, chosen, nodes, client, updates }: BusSnapshot) {
+  private showChosen({ state, chosen, nodes, client, updates, check }: BusSnapshot) {
     this.chosen = nodes.find(({ id }) => id === chosen) ?? null;
     for (const [id, { choose }] of this.nodes) {
       choose.setAttribute("aria-pressed", String(id === chosen));
@@ -307,7 +313,9 @@ export class RealBusView {
     setText(byId("can-parameters-title"), node ? `Parameters of node ${node.id}` : "Parameters");
     const about = node?.conditions.length ? `: ${node.conditions.join(", ")}` : "";
     setText(byId("can-chosen"), node ? `Node ${node.id} ${node.name ?? ""}${about}` : "Choose a node in the table.");
-    const isUsable = state === "open" && node !== null && node.dialect === "v0";
+    const isIdle = state === "open" && node !== null && node.dialect === "v0";
+    this.check.show(check, isIdle);
+    const isUsable = isIdle && !check?.runs;
     const isUpdated = updates.some((update) => update.node === chosen && update.runs);
     byId<HTMLInputElement>("can-file").disabled = !isUsable || isUpdated;
     byId<HTMLButtonElement>("can-own").disabled = !isUsable || isUpdated;

@@ -167,6 +167,19 @@ export interface BusUpdate {
   total?: number;
 }
 
+export interface BusCheck {
+  node: number;
+  runs: boolean;
+  /** `verdict` is null for what is no row of the report. */
+  lines: { text: string; verdict: string | null }[];
+  question: string | null;
+  /** The rest of the time for what the question asks to do. */
+  seconds: number | null;
+  summary: string;
+  /** What is to be put back if the page is closed now. */
+  left: string;
+}
+
 /** The state of the real bus. */
 export interface BusSnapshot {
   /** "asks" if the adapter cannot only listen, and is to be opened to send only by the user. */
@@ -190,4 +203,5 @@ export interface BusSnapshot {
   chosen: number | null;
   client: Client | null;
   updates: BusUpdate[];
+  check: BusCheck | null;
 }
