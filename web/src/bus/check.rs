@@ -106,12 +106,13 @@ impl Check {
     /// What the page shows.
     pub fn json(&self, now: Duration) -> Json {
         let question = self.question.as_ref();
+        let until = question.and_then(|(_, until)| *until);
         json!({
             "node": self.node.get(),
             "runs": self.is_running(),
             "lines": self.lines,
             "question": question.map(|(text, _)| text),
-            "seconds": question.and_then(|(_, until)| *until).map(|until| until.saturating_sub(now).as_secs()),
+            "seconds": until.map(|until| until.saturating_sub(now).as_secs()),
             "summary": self.session.report().summary(),
             "left": self.left,
         })
