@@ -329,7 +329,7 @@ const tests = {
     t.ends.push(() => page.close());
     await page.addInitScript(fake);
     const fetched = [];
-    page.on("request", (request) => request.url().endsWith(".svg") && fetched.push(request.url().split("/").at(-1)));
+    page.on("request", (request) => /wiring-[^/]*\.svg$/.test(request.url()) && fetched.push(request.url().split("/").at(-1)));
     await page.goto(address);
     await until(page, "the simulated board", () => page.locator("#servos").isVisible());
     await pause(500);
