@@ -96,8 +96,8 @@ fn flood(scenario: Scenario) -> String {
         Pace::Hz(rate) => name += &format!(", {rate} Hz"),
         Pace::Bursts => name += ", bursts",
     }
-    if scenario.noise_per_million != 0 {
-        let _ = write!(name, ", 1 bit in {} inverted", 1_000_000 / scenario.noise_per_million);
+    if let Some(bits) = 1_000_000_u32.checked_div(scenario.noise_per_million) {
+        let _ = write!(name, ", 1 bit in {bits} inverted");
     }
     name
 }
