@@ -6,5 +6,5 @@ fn main() {
     if let Some(chip) = target.strip_prefix("avr-") {
         println!("cargo::rustc-cfg=chip=\"{chip}\"");
     }
-    println!("cargo::rerun-if-changed=../build.rs");
+    println!("cargo::rerun-if-changed=build.rs");
 }

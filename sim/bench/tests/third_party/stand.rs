@@ -1,7 +1,7 @@
 //! The test stand: a firmware with a third-party driver on a board, a peer that sends to it, and a
 //! recorder on its SPI.
 //!
-//! This file repeats the constants of the firmwares (`tests/third-party/job.rs`) on purpose, so
+//! This file repeats the constants of the firmwares (`tests/third-party/src/job.rs`) on purpose, so
 //! that an error there shows.
 
 use bench::Cycles;

@@ -1,11 +1,11 @@
 //! The job with the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
 //!
-//! Two packages build this file: `third-party-mcp25xx-crate` without the crate's feature `mcp2515`,
-//! and `third-party-mcp25xx-wrong-rxb1` with it. The feature enables READ RX BUFFER, but sends 0x92
-//! (RXB0, from D0 on) instead of 0x94 (RXB1, from SIDH on): DS20001801, table 12-1 and figure 12-3.
+//! The program `third-party-mcp25xx-wrong-rxb1` has the crate's feature `mcp2515`. It enables READ
+//! RX BUFFER, but sends 0x92 (RXB0, from D0 on) instead of 0x94 (RXB1, from SIDH on): DS20001801,
+//! table 12-1 and figure 12-3. Cargo gives a feature to all programs of a call, so this one has its
+//! own.
 
-use crate::board::{self, CanSpi, Delay};
-use crate::can_board::CRYSTAL_MHZ;
+use crate::board::{self, CanBoard, CanSpi, Delay};
 use crate::job::{self, Driver, FILTERS, MASK_0, MASK_1, Received};
 use embedded_can::nb::Can;
 use embedded_hal::delay::DelayNs;
@@ -16,9 +16,9 @@ use mcp25xx::{AcceptanceFilter, CanFrame, Config, MCP25xx};
 /// Waits for the chip's oscillator: 128 of its cycles, at most 16 us (DS20001801, section 8.1).
 const OSCILLATOR_START_MS: u32 = 1;
 
-#[avr_device::entry]
-fn main() -> ! {
-    let (spi, serial, clock, task) = board::take();
+/// Configures the chip and runs the job.
+pub fn run<B: CanBoard>() -> ! {
+    let (spi, serial, clock, task) = board::take::<B>();
     Delay.delay_ms(OSCILLATOR_START_MS);
     let mut chip = MCP25xx { spi };
     let filters = [
@@ -33,7 +33,7 @@ fn main() -> ! {
     ];
     let config = Config::default()
         .mode(OperationMode::NormalOperation)
-        .bitrate(if CRYSTAL_MHZ == 8 {
+        .bitrate(if B::CRYSTAL_MHZ == 8 {
             clock_8mhz::CNF_500K_BPS
         } else {
             clock_16mhz::CNF_1000K_BPS
@@ -45,9 +45,9 @@ fn main() -> ! {
     job::run(Chip(chip), serial, clock, task)
 }
 
-struct Chip(MCP25xx<CanSpi>);
+struct Chip<B: CanBoard>(MCP25xx<CanSpi<B>>);
 
-impl Driver for Chip {
+impl<B: CanBoard> Driver for Chip<B> {
     type Frame = CanFrame;
 
     fn receive(&mut self) -> Received<CanFrame> {

@@ -46,8 +46,7 @@ pub trait Driver {
     fn send(&mut self, frame: &Self::Frame) -> bool;
 }
 
-/// The result of a read. Crates that cannot reject a frame do not use the last one.
-#[allow(dead_code)]
+/// The result of a read. Not each crate can reject a frame.
 pub enum Received<F> {
     Frame(F),
     Nothing,

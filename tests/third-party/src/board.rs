@@ -7,12 +7,12 @@
 //! check the simulator's model must be independent of the firmware for which the model was made.
 //! Source: ATmega48/88/168 datasheet, sections SPI, USART0, 16-bit Timer/Counter1.
 
-use crate::can_board::{CRYSTAL_MHZ, CS_IS_D10};
 #[cfg(chip = "atmega168")]
 use avr_device::atmega168::{PORTB, Peripherals, SPI, TC1, USART0};
 #[cfg(chip = "atmega328p")]
 use avr_device::atmega328p::{PORTB, Peripherals, SPI, TC1, USART0};
 use core::convert::Infallible;
+use core::marker::PhantomData;
 use embedded_hal::delay::DelayNs;
 use embedded_hal::spi::{ErrorType, Operation, SpiDevice};
 
@@ -26,6 +26,28 @@ const RESET: u8 = 0xC0;
 /// A little longer than 128 periods of 8 MHz.
 const START_UP_US: u32 = 20;
 
+/// How the MCP2515 is wired.
+pub trait CanBoard {
+    const CS_IS_D10: bool;
+    const CRYSTAL_MHZ: u8;
+}
+
+/// The Seeed CAN-BUS shield. It reaches 1 Mbit/s.
+pub struct Shield;
+
+impl CanBoard for Shield {
+    const CS_IS_D10: bool = false;
+    const CRYSTAL_MHZ: u8 = 16;
+}
+
+/// The blue MCP2515 module. Its crystal allows at most 500 kbit/s.
+pub struct Module;
+
+impl CanBoard for Module {
+    const CS_IS_D10: bool = true;
+    const CRYSTAL_MHZ: u8 = 8;
+}
+
 /// What the firmware does.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub enum Task {
@@ -37,11 +59,11 @@ pub enum Task {
 
 /// Sets up the board: SPI mode 0 at 8 MHz, most significant bit first; serial 115200 8N1; Timer1 at
 /// 16 MHz.
-pub fn take() -> (CanSpi, Serial, Clock, Task) {
+pub fn take<B: CanBoard>() -> (CanSpi<B>, Serial, Clock, Task) {
     let peripherals = Peripherals::take().unwrap();
 
     let mut port = peripherals.PORTB;
-    select(&mut port, false);
+    select::<B>(&mut port, false);
     port.ddrb.write(|w| w.pb1().set_bit().pb2().set_bit().pb3().set_bit().pb5().set_bit());
     let spi = peripherals.SPI;
     spi.spcr.write(|w| w.spe().set_bit().mstr().set_bit().spr().fosc_4_2());
@@ -62,16 +84,17 @@ pub fn take() -> (CanSpi, Serial, Clock, Task) {
     let task =
         if button.pind.read().pd4().bit_is_set() { Task::WholeJob } else { Task::ReceiveOnly };
 
-    (CanSpi { spi, port }, Serial { usart }, Clock { timer }, task)
+    (CanSpi { spi, port, board: PhantomData }, Serial { usart }, Clock { timer }, task)
 }
 
 /// The MCP2515 on its SPI bus, with chip select.
-pub struct CanSpi {
+pub struct CanSpi<B> {
     spi: SPI,
     port: PORTB,
+    board: PhantomData<B>,
 }
 
-impl CanSpi {
+impl<B> CanSpi<B> {
     fn exchange(&mut self, byte: u8) -> u8 {
         self.spi.spdr.write(|w| w.bits(byte));
         while self.spi.spsr.read().spif().bit_is_clear() {}
@@ -79,13 +102,13 @@ impl CanSpi {
     }
 }
 
-impl ErrorType for CanSpi {
+impl<B> ErrorType for CanSpi<B> {
     type Error = Infallible;
 }
 
-impl SpiDevice for CanSpi {
+impl<B: CanBoard> SpiDevice for CanSpi<B> {
     fn transaction(&mut self, operations: &mut [Operation<'_, u8>]) -> Result<(), Infallible> {
-        select(&mut self.port, true);
+        select::<B>(&mut self.port, true);
         for operation in operations.iter_mut() {
             match operation {
                 Operation::Read(words) => {
@@ -107,10 +130,10 @@ impl SpiDevice for CanSpi {
                 Operation::Transfer(..) | Operation::DelayNs(_) => unreachable!(),
             }
         }
-        select(&mut self.port, false);
+        select::<B>(&mut self.port, false);
         // `mcp25xx` continues at once after RESET, and a crystal of 8 MHz needs 16 us to start
         // again (DS20001801J 8.1).
-        if CRYSTAL_MHZ == 8 && matches!(*operations, [Operation::Write([RESET])]) {
+        if B::CRYSTAL_MHZ == 8 && matches!(*operations, [Operation::Write([RESET])]) {
             avr_device::asm::delay_cycles(START_UP_US * (F_CPU_HZ / 1_000_000));
         }
         Ok(())
@@ -118,8 +141,8 @@ impl SpiDevice for CanSpi {
 }
 
 /// Sets chip select: low selects the MCP2515.
-fn select(port: &mut PORTB, selected: bool) {
-    if CS_IS_D10 {
+fn select<B: CanBoard>(port: &mut PORTB, selected: bool) {
+    if B::CS_IS_D10 {
         port.portb.modify(|_, w| w.pb2().bit(!selected));
     } else {
         port.portb.modify(|_, w| w.pb1().bit(!selected));

@@ -1,7 +1,6 @@
 //! The job with the crate `mcp2515`, unchanged from crates.io, with the crate's own bit timing.
 
-use crate::board::{self, CanSpi, Delay};
-use crate::can_board::CRYSTAL_MHZ;
+use crate::board::{self, CanBoard, CanSpi, Delay};
 use crate::job::{self, Driver, FILTERS, MASK_0, MASK_1, Received};
 use mcp2515::error::Error;
 use mcp2515::filter::{RxFilter, RxMask};
@@ -9,16 +8,16 @@ use mcp2515::frame::CanFrame;
 use mcp2515::regs::OpMode;
 use mcp2515::{CanSpeed, MCP2515, McpSpeed, Settings};
 
-#[avr_device::entry]
-fn main() -> ! {
-    let (spi, serial, clock, task) = board::take();
+/// Configures the chip and runs the job.
+pub fn run<B: CanBoard>() -> ! {
+    let (spi, serial, clock, task) = board::take::<B>();
     let mut chip = MCP2515::new(spi);
     // `init` sets filters that accept everything, and would leave configuration mode. Masks and
     // filters can only be written there.
     let settings = Settings {
         mode: OpMode::Configuration,
-        can_speed: if CRYSTAL_MHZ == 8 { CanSpeed::Kbps500 } else { CanSpeed::Kbps1000 },
-        mcp_speed: if CRYSTAL_MHZ == 8 { McpSpeed::MHz8 } else { McpSpeed::MHz16 },
+        can_speed: if B::CRYSTAL_MHZ == 8 { CanSpeed::Kbps500 } else { CanSpeed::Kbps1000 },
+        mcp_speed: if B::CRYSTAL_MHZ == 8 { McpSpeed::MHz8 } else { McpSpeed::MHz16 },
         clkout_en: false,
     };
     chip.init(&mut Delay, settings).unwrap();
@@ -31,9 +30,9 @@ fn main() -> ! {
     job::run(Chip(chip), serial, clock, task)
 }
 
-struct Chip(MCP2515<CanSpi>);
+struct Chip<B: CanBoard>(MCP2515<CanSpi<B>>);
 
-impl Driver for Chip {
+impl<B: CanBoard> Driver for Chip<B> {
     type Frame = CanFrame;
 
     fn receive(&mut self) -> Received<CanFrame> {
