@@ -22,7 +22,6 @@ PAGES = {
         "autopilots",
         "bench",
         "bridge",
-        "ci",
         "own-node",
         "sketch",
         "update",
