@@ -66,7 +66,7 @@ pub const REQUEST: u8 = 1 << 7;
 /// The bits of a node ID.
 pub const NODE_ID_BITS: u8 = 0x7F;
 
-/// The longest wait for a frame to leave, in turns of 5.4 us: 0.35 s (`make test-bounds`). The
+/// The longest wait for a frame to leave, in turns of 5.4 us: 0.35 s (`scripts/bounds --boot`). The
 /// frame before may have to win an arbitration first.
 const TURNS_FOR_FRAME: u16 = u16::MAX;
 

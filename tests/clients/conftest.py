@@ -101,9 +101,9 @@ def node_elf(features="default", gdb=False, board="diecimila"):
     if gdb:
         name.append("gdb")
     path = TARGET / "firmware" / ("-".join(name) + ".elf")
-    target = "firmware-gdb" if gdb else "firmware"
+    option = "--gdb " if gdb else ""
     assert path.exists(), (
-        f'{path} is missing: run "make {target} BOARD={board} FEATURES={features}"'
+        f"{path} is missing: run scripts/firmware {option}--board {board} {features}"
     )
     return path
 

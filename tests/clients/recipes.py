@@ -47,7 +47,7 @@ TIMEOUT_S = 120
 # cargo waits while other parts of "make test" compile.
 TIMEOUT_OF_BUILD_S = 900
 TIMEOUT_OF_LONG_S = 2400
-BUILDS = r"^make |cargo run "
+BUILDS = r"^make |cargo run |/scripts/firmware "
 # A program must end within this time after Ctrl-C.
 TIMEOUT_OF_END_S = 15
 
