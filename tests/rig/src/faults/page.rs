@@ -94,7 +94,7 @@ tests must notice them.
   noticed, all in the driver: bits that its tests never see set, the times at which it checks the
   chip, and the count of a bus-off. The tests on simulated boards check those. `.cargo/mutants.toml`
   leaves out mistakes that make the same program, with the reason.
-* `make elf-mutants` breaks the shipped program in each place that `scripts/elf-mutants --list`
+* `make elf-mutants` breaks the shipped program in each place that `tests/elf-mutants.txt`
   names, such as no check of a CRC, a failsafe without limits, or no watchdog, and runs the tests on
   simulated boards. They notice each.
 
