@@ -150,7 +150,7 @@ lines! {
     }
     rejects if feature = "standard" {
         /// Rejected: a command while the vehicle is disarmed.
-        RefusedDisarmed = if cfg!(feature = "safety") {
+        RefusedDisarmed = if crate::tables::parameters::Parameter::SafeMode.is_built() {
             "refused: command from %s tid %t, disarmed (ArmingStatus)"
         } else {
             "refused: command from %s tid %t, disarmed"

@@ -26,26 +26,26 @@ impl Told {
         self.0.xor(now)
     }
 
-    /// The reader is told of the next change, but not of conditions that are `told` already, to
-    /// which it is added. `None` if there is none.
+    /// Takes the next change that the reader does not know, but none of the conditions in
+    /// `told_now`, and adds its condition to them. `None` if there is no change.
     #[inline(always)]
-    pub fn next(&mut self, now: Conditions, told: &mut Conditions) -> Option<Change> {
-        let changed = self.changed(now.told()).without(*told);
+    pub fn next(&mut self, now: Conditions, told_now: &mut Conditions) -> Option<Change> {
+        let changed = self.changed(now.told()).without(*told_now);
         if changed.is_empty() {
             return None;
         }
         let (number, condition) = changed.first();
-        *told = told.or(condition);
+        *told_now = told_now.or(condition);
         self.0 = self.0.xor(condition);
         Some(Change { number, begins: self.0.has(condition) })
     }
 
-    /// The reader is told of a condition as it is.
+    /// From now on the reader knows whether a condition is set.
     pub fn tell(&mut self, condition: Conditions, begins: bool) {
         self.0.set(condition, begins);
     }
 
-    /// The reader is to be told again that a condition is set.
+    /// The reader forgets that a condition is set, so that it is told again.
     #[inline(never)]
     pub fn forget(&mut self, condition: Conditions) {
         self.0.set(condition, false);

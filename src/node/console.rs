@@ -9,8 +9,8 @@ use crate::tables::condition::Conditions;
 pub const HAS_CAUSES: bool =
     monitor::IS_THERE && (Line::Safe.is_built() || Line::CommandsRefused.is_built());
 
-/// In [`Told`]: that the controller is on the bus is to be told. It is the bit of DRAFT, which no
-/// line tells.
+/// The bit in [`Told`] that asks for the line "CAN: running": that of DRAFT, which has no line of
+/// its own.
 pub const RUNNING: Conditions = Conditions::DRAFT;
 
 /// The line of DISARMED for ARM_REQ.
@@ -20,7 +20,7 @@ const DISARMED: Line = Line::of_condition(Conditions::DISARMED.number());
 pub struct Console {
     /// The conditions that the serial monitor has told.
     pub told: Told,
-    /// Those of which it has told something in this second.
+    /// The conditions that it has told in this second.
     told_now: Conditions,
     /// The last line about the controller, and its number.
     pub controller: (Line, u16),
@@ -46,8 +46,8 @@ impl Console {
         }
     }
 
-    /// A new second. In each the serial monitor tells a condition once, because some come and go
-    /// with each frame.
+    /// Begins a second. In each the serial monitor tells a condition at most once, because some
+    /// come and go with each frame.
     pub fn second(&mut self) {
         if monitor::IS_THERE {
             self.told_now = Conditions::NONE;

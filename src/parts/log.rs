@@ -11,9 +11,6 @@ use crate::monitor::{Change, Told};
 use crate::tables::condition::Conditions;
 use crate::tables::publication::Publication;
 
-/// True: autopilots show which conditions begin and end.
-pub const IS_THERE: bool = true;
-
 /// Characters of a message, behind its level. The rest of a longer line is cut.
 const ROOM: usize = Publication::LogMessage.longest() as usize - 1;
 

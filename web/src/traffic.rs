@@ -30,7 +30,7 @@ pub struct Described {
 }
 
 impl Described {
-    /// What the page is told of the frame, a JSON object.
+    /// The frame as a JSON object for the page.
     pub fn event(&self, number: u64, from: &str, record: &Record) -> Json {
         let mut event = json!({
             "kind": "frame", "number": number, "frame": self.kind, "from": from,

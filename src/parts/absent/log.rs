@@ -3,9 +3,6 @@
 use crate::monitor::Change;
 use crate::tables::condition::Conditions;
 
-/// False.
-pub const IS_THERE: bool = false;
-
 /// Nothing.
 #[derive(Default)]
 pub struct Log;

@@ -513,8 +513,8 @@ fn main() {
         "# Benchmarks\n\nWritten by `make bench`: the shipped ELF in the simulator, measured at \
          its pins, on the SPI and on the bus, in cycles of the 16 MHz\nAVR (16 cycles are a \
          microsecond). A second run writes the same page. The bus has 1 Mbit/s. Of a real\nchip \
-         the widths and periods of pulses, uptime, rates and time-outs deviate as its clock, by \
-         up to 0.5 %, and a write to the EEPROM takes up to 10 %\nlonger; no frame is lost for \
+         the widths and periods of pulses, uptime, rates and time-outs deviate as its clock,\nby \
+         up to 0.5 %, and a write to the EEPROM takes up to 10 % longer; no frame is lost for \
          that.\n\n**Everything is on** unless a row says otherwise: `actuator.Status` and \
          `device.Temperature` 50 times a second,\na client reads all parameters as fast as the \
          node answers, and in each round sets one and saves all; the serial monitor\nis read and \
