@@ -578,6 +578,39 @@ const tests = {
     return other;
   },
 
+  async "chips at a corner make longer and shorter pulses, and a link has the corner"(t) {
+    const page = await open(t);
+    await isRunning(page);
+    assert.equal(await page.locator("#corner-text").isVisible(), false);
+    const width = async () => Number.parseFloat(await page.locator(".output strong").first().innerText());
+    const becomes = async (expected) => {
+      await setSlider(page, ".command input", 0, 0);
+      await until(`a pulse of ${expected} µs`, async () => Math.abs((await width()) - expected) < 1.5);
+    };
+    await becomes(1500);
+    // The clock is 0.5 % slow, and 0.5 % fast.
+    await page.selectOption("#corner", "slow");
+    assert.match(await text(page, "#corner-text"), /clock-% -0\.5, start-ms 73, eeprom-ms 3\.74/);
+    await isRunning(page);
+    await becomes(1507.5);
+    await page.selectOption("#corner", "fast");
+    await isRunning(page);
+    await becomes(1492.5);
+    await page.selectOption("#corner", "random");
+    const values = await text(page, "#corner-text");
+    await page.click("#part-more");
+    await page.click("#link");
+    await until("words", async () => /restores what runs/.test(await text(page, "#notice")));
+    const url = page.url();
+    await page.close();
+    const other = await open(t, { url });
+    assert.equal(await text(other, "#corner-text"), values);
+    await other.selectOption("#corner", "typical");
+    assert.equal(await other.locator("#corner-text").isVisible(), false);
+    await isRunning(other);
+    return other;
+  },
+
   async "a link without a pattern has that of its program"(t) {
     const page = await open(t, { url: `${address}#program=Diecimila%3A+remote` });
     assert.equal(await page.locator("#program").inputValue(), "Diecimila: remote");

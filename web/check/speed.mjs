@@ -22,7 +22,7 @@ const program = (name) => Program.parse(readFileSync(join(build, "programs", nam
 /** Simulated seconds a second of CPU, after a start of four seconds in which V8 optimises. */
 function measure(name, prepare = () => {}) {
   const board = program(name);
-  const simulation = new Simulation(board, new Uint8Array(), board.eeprom(), "ardupilot");
+  const simulation = new Simulation(board, new Uint8Array(), board.eeprom(), "ardupilot", "typical");
   prepare(simulation);
   let at = Math.ceil(simulation.now() / CYCLES_PER_MS / SLICE_MS) * SLICE_MS;
   const run = (ms) => {

@@ -6,6 +6,7 @@ use std::time::Duration;
 use anyhow::{Error, Result as AnyResult, bail};
 use bench::avr::{Avr, Chip, Firmware, ResetCause};
 use bench::bus_log::Format;
+use bench::corner::Corner;
 use bench::dronecan::{NodeId, Opcode, Value};
 use bench::wires;
 use bench::wiring::{BIT_RATES, Wiring, crystal_mhz};
@@ -161,19 +162,21 @@ pub struct Simulation(Page);
 
 #[wasm_bindgen]
 impl Simulation {
-    /// A board with a program, a bootloader if that file is not empty, and this EEPROM; and an
+    /// A board with a program, a bootloader if that file is not empty, this EEPROM, and chips with
+    /// the values of a corner: `typical`, `slow`, `fast`, `worst` or `random:SEED`; and an
     /// autopilot.
     ///
     /// # Errors
-    /// If the wiring in the program is impossible, or there is no such autopilot.
+    /// If the wiring in the program is impossible, or there is no such autopilot or corner.
     #[wasm_bindgen(constructor)]
     pub fn new(
         program: &Program,
         loader: &[u8],
         eeprom: &[u8],
         autopilot: &str,
+        corner: &str,
     ) -> Result<Simulation, String> {
-        text(Simulation::begin(program, loader, eeprom, autopilot))
+        text(Simulation::begin(program, loader, eeprom, autopilot, corner))
     }
 
     fn begin(
@@ -181,7 +184,9 @@ impl Simulation {
         loader: &[u8],
         eeprom: &[u8],
         autopilot: &str,
+        corner: &str,
     ) -> AnyResult<Simulation> {
+        let corner: Corner = corner.parse().map_err(Error::msg)?;
         let Program { firmware: ours, wiring, bit_rate, .. } = program;
         let mut avr = Avr::programmed(wiring.chip, ours)?;
         if !loader.is_empty() {
@@ -190,7 +195,11 @@ impl Simulation {
         }
         avr.set_eeprom(eeprom);
         let knows_vendor_code = ours.board.is_some();
-        Page::new(avr, wiring, *bit_rate, knows_vendor_code, autopilot).map(Simulation)
+        let mut page = Page::new(avr, wiring, *bit_rate, knows_vendor_code, autopilot)?;
+        if corner != Corner::default() {
+            page.world().board().set_corner(&corner);
+        }
+        Ok(Simulation(page))
     }
 
     /// Adds a second board with a program, whose outputs are four motors.

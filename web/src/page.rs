@@ -164,13 +164,16 @@ impl Page {
         }
     }
 
-    /// What is wired to what, a JSON object: the pin of each signal, and what each board is.
+    /// What is wired to what, a JSON object: the pin of each signal, what each board is, and the
+    /// values of its chips that are not typical.
     pub fn wiring(&mut self) -> String {
+        let corner = self.world.board().corner().to_string();
         let wiring = self.world.board().wiring();
         let pin = |pin: Option<Pin>| pin.map(|pin| pin.to_string());
         let shield = boards::find("shields", &wiring.shield);
         json!({
             "text": wiring.to_string(),
+            "corner": corner,
             "board": wiring.board_title(),
             "chip": wiring.chip.to_string(),
             "shield": wiring.shield_title(),

@@ -190,6 +190,11 @@ impl Board {
         self.wires.chip.borrow_mut().set_oscillator(ppm, settling);
     }
 
+    /// The values of the chips.
+    pub fn corner(&self) -> Corner {
+        self.corner
+    }
+
     /// Counts the widths and the periods of the pulses from now on in cycles of the chip: for a
     /// test that expects them without the deviation of its clock.
     pub fn count_own_cycles(&mut self) {

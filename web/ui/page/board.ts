@@ -8,14 +8,32 @@ import type { World } from "./world";
 export class BoardView {
   private readonly temperature = byId<HTMLInputElement>("temperature");
   private readonly brightness = byId<HTMLInputElement>("brightness");
+  private readonly chips = byId<HTMLSelectElement>("corner");
   private readonly picture: Picture;
+  /** Seed of the values that the chips have by chance. */
+  private seed = 1;
 
   constructor(private readonly world: World) {
     const { temperature, brightness } = this;
     temperature.addEventListener("input", () => world.simulation.set_temperature(Number(temperature.value)));
     brightness.addEventListener("input", () => world.simulation.set_light(Number(brightness.value)));
+    this.chips.addEventListener("change", () => (this.seed = Math.floor(Math.random() * 1e6)));
     onClick("reset", () => world.simulation.inject("reset"));
     this.picture = new Picture((fault) => world.simulation.inject(fault));
+  }
+
+  /** The corner of the chips, as `sim --corner` takes it. */
+  get corner() {
+    return this.chips.value === "random" ? `random:${this.seed}` : this.chips.value;
+  }
+
+  set corner(corner: string) {
+    const [kind, seed] = corner.split(":");
+    this.seed = Number(seed) || this.seed;
+    this.chips.value = kind;
+    if (this.chips.selectedIndex < 0) {
+      this.chips.value = "typical";
+    }
   }
 
   begin() {
@@ -23,6 +41,8 @@ export class BoardView {
     this.temperature.value = "20";
     this.brightness.value = "0";
     setText(byId("wiring"), wiring.text);
+    byId("corner-text").hidden = wiring.corner === "";
+    setText(byId("corner-text"), wiring.corner);
     byId("light-box").hidden = wiring.light === null;
     this.picture.begin(wiring);
     if (wiring.button !== null) {

@@ -4,6 +4,8 @@ export interface Link {
   /** Name of a program of the page, or of the user's own file, which the link does not have. */
   program: string;
   pattern: string;
+  /** The corner of the chips, as `sim --corner` takes it. */
+  corner: string;
   /** The choices of board.ts for the user's own program. */
   wiring: string;
   /** As eeprom.ts encodes it: with it the saved parameters. */
@@ -29,6 +31,6 @@ export function fromHash(hash: string): Link | null {
     return [name, Number(value)];
   });
   const faults = all.getAll("fault");
-  const [program, pattern, wiring, eeprom] = ["program", "pattern", "wiring", "eeprom"].map(text);
-  return program ? { program, pattern, wiring, eeprom, parameters, faults } : null;
+  const [program, pattern, corner, wiring, eeprom] = ["program", "pattern", "corner", "wiring", "eeprom"].map(text);
+  return program ? { program, pattern, corner, wiring, eeprom, parameters, faults } : null;
 }

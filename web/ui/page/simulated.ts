@@ -96,7 +96,7 @@ export class SimulatedView implements Runner, Toured {
         return;
       }
       const eeprom = kept(nameOfEeprom(choice), program.eeprom());
-      next = new Simulation(program, choice.loader ?? NO_LOADER, eeprom, choice.autopilot);
+      next = new Simulation(program, choice.loader ?? NO_LOADER, eeprom, choice.autopilot, this.board.corner);
       if (this.hasSecond) {
         next.add_second(Program.parse(SECOND, "{}"));
       }
@@ -130,6 +130,7 @@ export class SimulatedView implements Runner, Toured {
   }
 
   restore(choice: Choice, link: Link) {
+    this.board.corner = link.corner;
     this.load(choice);
     this.restores = link;
   }
@@ -167,6 +168,7 @@ export class SimulatedView implements Runner, Toured {
     const hash = toHash({
       program: this.current.name,
       pattern: this.pattern,
+      corner: this.board.corner,
       wiring: this.current.wiring ?? "",
       eeprom: encode(this.simulation.eeprom()),
       // A link has numbers.
@@ -303,6 +305,7 @@ export class SimulatedView implements Runner, Toured {
 
   private listen() {
     onClick("reboot", () => this.reboot());
+    byId("corner").addEventListener("change", () => this.reboot());
     onClick("blank", () => {
       forget(nameOfEeprom(this.current));
       this.load(this.current);

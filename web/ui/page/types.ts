@@ -75,6 +75,8 @@ export interface Snapshot {
 /** What is wired to what (`Page::wiring`): pins of the Arduino, and titles. */
 export interface Wiring {
   text: string;
+  /** Values of the chips that are not typical; empty if all are. */
+  corner: string;
   board: string;
   chip: string;
   shield: string;
