@@ -41,8 +41,7 @@ export class BoardView {
     this.temperature.value = "20";
     this.brightness.value = "0";
     setText(byId("wiring"), wiring.text);
-    byId("corner-text").hidden = wiring.corner === "";
-    setText(byId("corner-text"), wiring.corner);
+    setText(byId("corner-text"), wiring.corner || "Values of the data sheets");
     byId("light-box").hidden = wiring.light === null;
     this.picture.begin(wiring);
     if (wiring.button !== null) {
