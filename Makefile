@@ -264,7 +264,7 @@ sources: setup-build
 	cargo fmt --manifest-path crates/own-node/boards/uno/Cargo.toml --check
 	scripts/lint
 	scripts/docs
-	set -e; for page in drawings elf-mutants wiring-page release-page; do scripts/$$page --check; done
+	set -e; for page in elf-mutants wiring-page release-page; do scripts/$$page --check; done
 PROGRAM := -p servo-node --bin servo-node
 PUBLISHED := avr-bounds avr-core can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
 # First clippy, for both targets. Then the published crates with a stable Rust and the oldest one that
@@ -408,10 +408,9 @@ speeds: setup-browser program-sim
 ## build every preset and feature, and write their sizes to docs/budget.md
 budget: setup-build
 	@scripts/budget-page
-## write docs/wiring.md and the drawings of the documents, from avr-specs
+## write the tables and drawings of docs/wiring.md, from avr-specs
 wiring:
 	@scripts/wiring-page
-	@scripts/drawings
 
 # --- Tools
 

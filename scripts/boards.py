@@ -5,6 +5,7 @@ the table, for every choice.
 
 import dataclasses
 import pathlib
+import re
 import subprocess
 import sys
 import tomllib
@@ -139,6 +140,23 @@ class Choice:
             "NODE_INT": self.int,
             "NODE_CRYSTAL_MHZ": str(self.crystal_mhz),
         }
+
+
+def fill(page, word, blocks, check=False):
+    """Writes blocks of a page, or with `check` fails if they differ: what is between the comments
+    "name: from make word" and "end".
+    """
+    text = old = (ROOT / page).read_text()
+    for name, content in blocks.items():
+        begin, end = f"<!-- {name}: from make {word} -->", "<!-- end -->"
+        text, count = re.subn(
+            rf"{begin}.*?{end}", lambda _: f"{begin}\n\n{content}\n\n{end}", text, flags=re.S
+        )
+        if count != 1:
+            sys.exit(f"{page} has no place for this block: write {begin} and {end}")
+    if check and text != old:
+        sys.exit(f'{page} has another text than its sources: run "make {word}"')
+    (ROOT / page).write_text(text)
 
 
 def size(elf):
