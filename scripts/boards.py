@@ -3,6 +3,7 @@ options. crates/boards does the same for programs in Rust. Its tests compare wha
 the table, for every choice.
 """
 
+import argparse
 import dataclasses
 import pathlib
 import re
@@ -14,6 +15,8 @@ ROOT = pathlib.Path(__file__).resolve().parents[1]
 TABLE = tomllib.loads((ROOT / "avr-specs/boards.toml").read_text())
 LIMITS = tomllib.loads((ROOT / "avr-specs/budget.toml").read_text())
 
+# As options of a script.
+UNO = ["--board", "uno", "--shield", "seeed"]
 # The serial port, and the SPI but its SS, which is D10.
 TAKEN = ["D0", "D1", "D11", "D12", "D13"]
 PINS = [f"D{n}" for n in range(14)] + [f"A{n}" for n in range(6)]
@@ -159,6 +162,13 @@ def fill(page, word, blocks, check=False):
     (ROOT / page).write_text(text)
 
 
+def table(heads, rows):
+    """Of Markdown. All but the first column are numbers, or text as narrow as a number."""
+    lines = [heads, ["---"] + ["---:"] * (len(heads) - 1), *rows]
+    cells = ([f"{cell:,}" if isinstance(cell, int) else cell for cell in row] for row in lines)
+    return "\n".join(f"| {' | '.join(row)} |" for row in cells)
+
+
 def size(elf):
     """Flash and static RAM of a program in bytes. Of a HEX file only the first means anything."""
     sizes = subprocess.run(["avr-size", elf], stdout=subprocess.PIPE, text=True, check=True).stdout
@@ -205,6 +215,13 @@ def bootloader_commands(board, hex_file, stock, programmer, port):
         *(word for name, value in fuses.items() for word in ("-U", f"{name}:w:0x{value:02X}:m")),
     ]
     yield [*avrdude, "-U", f"flash:w:{hex_file}:i", "-U", f"lock:w:0x{lock:02X}:m"]
+
+
+def parser(text):
+    """For the options of a script, whose first comment is its help."""
+    return argparse.ArgumentParser(
+        description=text, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
 
 
 def add_options(parser):
