@@ -161,7 +161,7 @@ check:
 ## that two builds of the last commit have the same bytes)
 dist: setup-build $(TOOLS)/bin/cargo-about
 	@scripts/dist $(WIRING) $(ARGS)
-## prove stack and cycles of the firmware from its machine code (docs/bounds.md)
+## prove stack and cycles of the firmware from its machine code (crates/avr-bounds)
 bounds: firmware
 	@scripts/bounds $(WIRING) '$(FEATURES)'
 

@@ -156,7 +156,7 @@ fn without_addresses(name: &str) -> String {
 }
 
 const TEXT: &str = "\
-Written by `make bench`. *Proved* is the longest path of the machine code (bounds.md),
+Written by `make bench`. *Proved* is the longest path of the machine code (crates/avr-bounds),
 *observed* the most in floods of each kind of frame. Cycles of 62.5 ns; the stack in bytes, where a
 ratio above 1.25 has a reason. INT0 is the interrupt of the controller. A stretch of the main loop
 takes from the instruction that masks it to the one that unmasks it. The loader sends a response of
