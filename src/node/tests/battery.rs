@@ -52,27 +52,6 @@ fn the_golden_battery_info_is_sent() {
 }
 
 #[test]
-fn what_is_not_known_is_nan_or_127() {
-    let mut rig = with_circuit(&[]);
-    rig.run(1500);
-    assert_eq!(
-        infos(&rig),
-        [golden_info(
-            "18044478 E8 B5 FF 7F 40 4A 00 80 | 49 FF 7F FF 7F FF 7F 20 | 00 00 01 1F FF FF 00 00 \
-             | 00 00 00 00 60"
-        )]
-    );
-}
-
-#[test]
-fn with_batt_rate_0_there_is_no_battery_info_and_no_measurement() {
-    let mut rig = with_circuit(&[(Parameter::BattRate, 0)]);
-    rig.run(5000);
-    assert_eq!(infos(&rig), []);
-    assert!(!rig.program.node.sensors.power.is_known());
-}
-
-#[test]
 fn the_charge_of_a_time_without_measurements_is_not_known() {
     let mut rig = with_circuit(&[(Parameter::BattCapacity, 1000)]);
     let charge_percent = |rig: &mut Rig| {

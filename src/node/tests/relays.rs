@@ -47,16 +47,6 @@ fn the_golden_command_holds_and_0_releases() {
 }
 
 #[test]
-fn a_relay_begins_with_the_state_of_relay_start() {
-    let mut rig = with_relays(&[(Parameter::RelayStart, 0b0110)]);
-    assert_eq!(levels(&mut rig), [true, false]);
-    assert_eq!(command(&mut rig, 5, 0), [false, false]);
-    // Other parameters do not change what was commanded.
-    rig.set(Parameter::TempId, 7);
-    assert_eq!(levels(&mut rig), [false, false]);
-}
-
-#[test]
 fn a_relay_without_commands_for_relay_timeout_goes_to_its_start_whatever_others_get() {
     let mut rig = with_relays(&[(Parameter::RelayTimeout, 3), (Parameter::RelayStart, 0b0100)]);
     assert_eq!(levels(&mut rig), [false, false]);
