@@ -112,16 +112,6 @@ fn commands_that_are_rejected_or_for_others_change_no_pulse() {
 }
 
 #[test]
-fn the_thesis_command_goes_over_the_travel() {
-    let mut rig = Rig::new(&[]);
-    for (byte, pulse) in [(0, 2000), (255, 4000), (51, 2400)] {
-        let act = Outputs::act_on_servo_command;
-        let (line, event) = rig.message(0x1004_570A, &[byte], act);
-        assert_eq!((line, event.b, rig.servos.0[0]), (Line::CommandThesis, pulse, pulse));
-    }
-}
-
-#[test]
 fn the_failsafe_begins_after_the_timeout_once_and_goes_where_out1_fs_says() {
     for (failsafe, pulse) in [(0, 3600), (1, 2800), (2, 2200), (3, 0)] {
         for timeout_ms in [1, 250, 10_000] {
@@ -151,52 +141,6 @@ fn the_failsafe_begins_after_the_timeout_once_and_goes_where_out1_fs_says() {
     }
 }
 
-#[test]
-fn with_a_timeout_of_0_there_is_no_failsafe() {
-    let mut rig = Rig::new(&[(OutputParameter::Timeout.of(0), 0), (OutputParameter::Fs.of(0), 3)]);
-    rig.pwm(1800.0);
-    for _ in 0..4 {
-        assert_eq!(rig.run(50_000), None);
-    }
-    assert_eq!(rig.outputs.pulse(0), 3600);
-}
-
-#[test]
-fn the_position_is_unknown_without_a_pulse_and_else_that_of_the_command() {
-    let mut rig = Rig::new(&[]);
-    assert!(half::f16::from_bits(rig.outputs.position(0)).is_nan());
-    rig.pwm(2000.0);
-    let position = half::f16::from_bits(rig.outputs.position(0)).to_f64();
-    assert!((position - std::f64::consts::FRAC_PI_4).abs() < 0.001, "{position}");
-}
-
-#[cfg(feature = "standard")]
-#[test]
-fn arming_times_out_at_the_fifth_second() {
-    let mut rig = Rig::new(&[(Parameter::ArmReq, 1), (OutputParameter::Fs.of(0), 3)]);
-    assert_eq!((rig.pwm(1800.0), rig.servos.0[0]), (Line::RefusedDisarmed, 0));
-    for status in [0, 1, 254] {
-        rig.outputs.arming.act_on_status(10, 255);
-        assert!(!rig.outputs.arming.is_disarmed(&rig.parameters));
-        rig.outputs.arming.act_on_status(10, status);
-        assert!(rig.outputs.arming.is_disarmed(&rig.parameters), "{status}");
-    }
-    rig.outputs.arming.act_on_status(10, 255);
-    assert_eq!(rig.pwm(1800.0), CommandType::Pwm.line());
-    for second in 1..=5 {
-        assert_eq!(rig.outputs.pulse(0), 3600, "{second}");
-        rig.outputs.second(rig.now_ms, &rig.parameters);
-        assert_eq!(rig.run(1), None, "disarmed is no failsafe");
-    }
-    assert_eq!((rig.outputs.pulse(0), rig.outputs.each[0].is_following()), (0, false));
-}
-
-#[cfg(feature = "standard")]
-#[test]
-fn where_arming_is_not_required_nobody_is_disarmed() {
-    assert!(!Rig::new(&[]).outputs.arming.is_disarmed(&golden::parameters(&[])));
-}
-
 #[cfg(feature = "safety")]
 mod safety {
     use super::*;
@@ -207,23 +151,6 @@ mod safety {
     impl Rig {
         fn tell(&mut self, status: u8) {
             self.outputs.act_on_safety_state(10, status, self.now_ms, &self.parameters);
-        }
-    }
-
-    #[test]
-    fn while_safe_there_is_no_pulse_or_the_last_one_and_silence_is_no_failsafe() {
-        for (safe_mode, pulse) in [(0, 3600), (1, 0)] {
-            let mut rig = Rig::new(&[
-                (Parameter::SafeMode, safe_mode),
-                (OutputParameter::Timeout.of(0), 100),
-            ]);
-            rig.pwm(1800.0);
-            assert!(!rig.outputs.safety.is_safe());
-            rig.tell(SAFE);
-            assert!(rig.outputs.safety.is_safe());
-            assert_eq!((rig.run(1000), rig.outputs.pulse(0)), (None, pulse));
-            assert_eq!(rig.pwm(1200.0), Line::RefusedSafe);
-            assert_eq!(rig.outputs.pulse(0), pulse);
         }
     }
 
@@ -257,19 +184,5 @@ mod safety {
         rig.run(60);
         rig.tell(ARMED);
         assert_eq!(rig.run(100), Some(41), "armed all the time");
-    }
-
-    #[test]
-    fn safe_ends_in_the_fifth_second_without_a_safety_state() {
-        let mut rig = Rig::new(&[(OutputParameter::Timeout.of(0), 100)]);
-        rig.pwm(1800.0);
-        rig.tell(SAFE);
-        for second in 1..=5 {
-            assert!(rig.outputs.safety.is_safe(), "{second}");
-            assert_eq!(rig.run(1000), None, "silence is expected");
-            rig.outputs.second(rig.now_ms, &rig.parameters);
-        }
-        assert!(!rig.outputs.safety.is_safe());
-        assert_eq!(rig.run(200), Some(101), "commands are missed again");
     }
 }
