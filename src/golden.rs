@@ -1,7 +1,7 @@
 //! Reference data for the tests: [`dronecan_wire::golden`], with the frames of the driver, and
 //! parameters and conditions.
 
-#![allow(dead_code, reason = "a build may have no test that needs one")]
+#![allow(dead_code, unused_imports, reason = "a build may have no test that needs one")]
 
 use std::string::String;
 use std::vec::Vec;
@@ -82,29 +82,3 @@ pub const CONDITIONS: [Conditions; 14] = [
     Conditions::DISARMED,
     Conditions::DRAFT,
 ];
-
-/// The response with transfer ID 2 that CAN_BAUDRATE is 500 kbit/s. Default and maximum are 1
-/// Mbit/s, or 500 kbit/s with a crystal of 8 MHz; the minimum is 125 kbit/s, or 0 with `any-rate`.
-pub const BAUDRATE_IS_500_KBIT: &str =
-    match (crate::hardware::CAN_CRYSTAL_HZ, crate::tables::bit_rate::LOWEST < 0) {
-        (16_000_000, false) => {
-            "1E0B7FF8 72 EB 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | \
-             0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 48 E8 01 00 00 02 | \
-             00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
-        }
-        (16_000_000, true) => {
-            "1E0B7FF8 AE B8 01 20 A1 07 00 82 | 00 00 00 00 01 40 42 22 | \
-             0F 00 00 00 00 00 01 02 | 40 42 0F 00 00 00 00 22 | 00 01 00 00 00 00 00 02 | \
-             00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
-        }
-        (_, false) => {
-            "1E0B7FF8 8E F0 01 20 A1 07 00 82 | 00 00 00 00 01 20 A1 22 | \
-             07 00 00 00 00 00 01 02 | 20 A1 07 00 00 00 00 22 | 00 01 48 E8 01 00 00 02 | \
-             00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
-        }
-        (_, true) => {
-            "1E0B7FF8 52 A3 01 20 A1 07 00 82 | 00 00 00 00 01 20 A1 22 | \
-             07 00 00 00 00 00 01 02 | 20 A1 07 00 00 00 00 22 | 00 01 00 00 00 00 00 02 | \
-             00 00 00 43 41 4E 5F 22 | 42 41 55 44 52 41 54 02 | 45 62"
-        }
-    };

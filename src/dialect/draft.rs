@@ -149,4 +149,20 @@ pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    use super::*;
+    use crate::golden::frames;
+
+    #[test]
+    fn a_frame_that_is_rejected_has_a_type_and_a_sender_all_the_same() {
+        for (text, expected) in [
+            ("17C40409 5A", (760, 1)),
+            ("17C42419", (760, 9)),
+            ("17C40008 00", (760, 0)),
+            ("1135E00B EF CD AB 02", (550, 120)),
+            ("1135FC0B EF", (550, 127)),
+        ] {
+            assert_eq!(origin(&frames(text)[0]), expected, "{text}");
+        }
+    }
+}
