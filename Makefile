@@ -204,8 +204,7 @@ test-host: test-programs firmwares
 	scripts/docs --measured
 	scripts/budget-page --check
 
-# The unit tests of the node need no simulator. Each feature is in one of these sets; what no feature
-# changes and takes long runs in one.
+# The unit tests of the node need no simulator. Each feature is in one of these sets.
 PRESETS := default full thesis escs,masks,relay,rpm,tunnel,values
 # The board of the tests.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
@@ -215,8 +214,7 @@ ON_CORE := NODE_PROCESSOR='$(or $(PROCESSOR),own)'
 test-library: setup-build
 	@set -e; for features in $(PRESETS); do \
 		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; echo "cargo test $$options"; \
-		$(ON_BOARD) nice cargo test $$options -- \
-			$$(test $$features = full || echo --skip trust::tests::simulation); done
+		$(ON_BOARD) nice cargo test $$options; done
 # They run the programs in target/firmware.
 BOARD_TESTS = nice cargo test -p tests -p bridge --test boards --
 FILES := $(patsubst tests/boards/%.rs,%,$(filter-out %/main.rs,$(wildcard tests/boards/*.rs)))

@@ -115,6 +115,6 @@ fn bit(source: u8) -> u8 {
     1 << (source >> 4 & 7)
 }
 
-// The policy is the same in all presets. These tests take 20 s, so they run with two of them.
+// The policy is the same in all presets.
 #[cfg(all(test, feature = "standard", feature = "monitor"))]
 mod tests;

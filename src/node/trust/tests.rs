@@ -9,7 +9,6 @@ use super::*;
 
 mod order;
 mod search;
-mod simulation;
 mod trusted;
 
 const ME: u8 = 120;

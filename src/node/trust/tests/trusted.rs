@@ -95,19 +95,6 @@ fn of_two_senders_of_equal_trust_the_one_with_precedence_gets_the_lane() {
 }
 
 #[test]
-fn each_frame_holds_the_lane() {
-    let long = command(A, 1, &[(1, 0, 1); 15]);
-    let mut rig = rig(&[A]);
-    for (n, frame) in long.iter().enumerate() {
-        assert_eq!(rig.frame(frame).is_some(), n == 8, "frame {n}");
-        rig.now_ms += HOLD_MS - 1;
-        if n < 8 {
-            assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved), "after frame {n}");
-        }
-    }
-}
-
-#[test]
 fn a_trusted_sender_displaces_one_that_is_not_trusted_at_once() {
     for after_ms in 0..10 {
         assert_eq!(who_completes(&mut rig(&[B]), A, B, after_ms), B, "{after_ms} ms");
@@ -162,41 +149,6 @@ fn a_sender_that_loses_a_transfer_is_trusted_no_longer_until_it_completes_one() 
     }
 }
 
-/// A frame each millisecond, and more than any list has.
-#[test]
-fn an_endless_transfer_keeps_its_lane_until_another_sender_precedes() {
-    let long = command(A, 1, &[(1, 0, 1); 15]);
-    for start_ms in (0..1_000).step_by(10) {
-        let mut rig = rig(&[A, B]);
-        rig.now_ms = start_ms;
-        rig.let_precede(A, B);
-        assert_eq!(rig.rejects(&long[0]), None);
-        let began_ms = rig.now_ms;
-        while rig.receiver.lists()[0].source == A as u8 {
-            rig.now_ms += 1;
-            let keeps = place(A as u8, rig.now_ms) > place(B as u8, rig.now_ms);
-            assert_eq!(rig.frame(&long[1 + usize::from((rig.now_ms - began_ms + 1) % 2)]), None);
-            assert_eq!(rig.rejects(&list(B)[0]), Some(Rejection::Interleaved));
-            assert_eq!(rig.receiver.lists()[0].source == A as u8, keeps, "{} ms", rig.now_ms);
-        }
-        assert!(rig.now_ms - began_ms < 10 * ORDER_MS, "{start_ms} ms");
-    }
-}
-
-#[test]
-fn a_sender_that_is_refused_or_displaced_is_still_trusted() {
-    for first in [A, B] {
-        for trusted in [A, B] {
-            let mut rig = rig(&[A, B]);
-            rig.let_precede(first, A + B - first);
-            assert_eq!(who_completes(&mut rig, A, B, 0), first);
-            // Node 20 is not trusted.
-            rig.let_precede(20, trusted);
-            assert_eq!(who_completes(&mut rig, 20, trusted, 0), trusted);
-        }
-    }
-}
-
 #[test]
 fn a_list_without_an_entry_for_the_node_changes_no_trust() {
     let others = command(B, 1, &[(9, 0, 1); 2]);
@@ -235,16 +187,6 @@ fn who_lost_the_trust_is_trusted_again_in_one_order_of_four() {
             let waits = loser / 16 == other / 16 && !again;
             assert_eq!(is_trusted(&rig, other), !waits, "{other}, {now_ms} ms");
         }
-    }
-}
-
-#[test]
-fn a_transfer_of_one_frame_changes_no_trust() {
-    for (source, trusted) in [(A, &[B][..]), (B, &[B])] {
-        let mut rig = rig(trusted);
-        assert!(rig.all(&command(source, 1, &[(1, 0, 1)])).is_some());
-        rig.let_precede(A, B);
-        assert_eq!(who_completes(&mut rig, A, B, 0), B);
     }
 }
 
@@ -324,17 +266,4 @@ fn a_sender_is_trusted_while_it_sends_another_type() {
     assert_eq!(takes(&mut receiver, &list(B)[..1], now_ms), Err(Rejection::Interleaved));
     assert_eq!(takes(&mut receiver, &list(A)[1..], now_ms), Ok(true));
     assert_eq!(takes(&mut receiver, &lights[1..], now_ms), Ok(true));
-}
-
-#[test]
-fn with_one_lane_a_sender_s_other_type_waits_as_another_sender_s() {
-    let lights = golden::transfer(0x1804_390A, golden::LIGHTS_COMMAND, 3, &[LIGHT; 12]);
-    for (after_ms, is_kept) in [(0, true), (HOLD_MS - 1, true), (HOLD_MS, false)] {
-        let mut receiver = receiver::<Each, 1>();
-        assert_eq!(takes(&mut receiver, &list(A)[..1], 0), Ok(false));
-        let begins = takes(&mut receiver, &lights[..1], after_ms);
-        assert_eq!(begins, Err(Rejection::Interleaved));
-        assert_eq!(takes(&mut receiver, &list(A)[1..], after_ms), Ok(is_kept));
-        assert_eq!(takes(&mut receiver, &lights[1..], after_ms), Ok(!is_kept));
-    }
 }
