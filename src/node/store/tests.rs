@@ -139,15 +139,6 @@ fn after_saves(saves: u16) -> (Model, Parameters) {
     (eeprom, parameters)
 }
 
-#[test]
-fn the_last_save_is_loaded_after_any_number_of_saves() {
-    for saves in 1..20 {
-        let (eeprom, saved) = after_saves(saves);
-        let (_, parameters, is_lost) = loaded(&eeprom);
-        assert_eq!((parameters, is_lost), (saved, false), "{saves} saves");
-    }
-}
-
 /// The address of a byte of a copy: copy, byte.
 fn byte(copy: usize, byte: usize) -> usize {
     usize::from(PARAMETERS[copy]) + byte
@@ -409,50 +400,6 @@ fn a_save_writes_what_has_changed_once_before_its_response_and_the_rest_after_it
 }
 
 #[test]
-fn a_parameter_changed_during_a_save_is_saved_and_never_mixed_in() {
-    const VALUE: u16 = 0xABCD;
-    let (start, old) = after_saves(3);
-    let before = set(200);
-    let mut after = before;
-    assert!(after.set(Parameter::TempId.index(), VALUE.into(), InMemory));
-    for changed_at in 0..2 * CELLS {
-        for cut in (0..2 * LEN as u32 + 5).step_by(1 + LEN / 60) {
-            let mut eeprom = start.clone();
-            eeprom.writes = 0;
-            let (mut store, _, _) = loaded(&eeprom);
-            let mut parameters = before;
-            let mut steps = 0;
-            store.save();
-            while store.is_saving() && eeprom.writes <= cut {
-                if steps == changed_at {
-                    parameters.set(Parameter::TempId.index(), VALUE.into(), InMemory);
-                    store.save_again();
-                }
-                store.step_once(&mut parameters, &mut eeprom, InMemory);
-                eeprom.busy.set(0);
-                steps += 1;
-            }
-            if eeprom.writes > cut {
-                let (at, byte) = eeprom.writing.take().unwrap();
-                eeprom.cells[usize::from(at)] = byte ^ 0x5A;
-            }
-            eeprom.settle();
-            let (_, found, _) = loaded(&eeprom);
-            assert!([old, before, after].contains(&found), "changed at {changed_at}, cut at {cut}");
-            if !store.is_saving() {
-                assert!(store.is_saved());
-                assert_eq!(
-                    found,
-                    if steps > changed_at { after } else { before },
-                    "changed at {changed_at}"
-                );
-                break;
-            }
-        }
-    }
-}
-
-#[test]
 fn a_cell_that_does_not_keep_its_value_fails_the_save_and_the_old_parameters_stay() {
     let (start, old) = after_saves(4);
     let mut failed = 0;
@@ -468,28 +415,6 @@ fn a_cell_that_does_not_keep_its_value_fails_the_save_and_the_old_parameters_sta
         failed += u32::from(!is_saved);
     }
     assert!(failed > 20, "{failed}");
-}
-
-#[test]
-fn a_new_eeprom_gives_the_defaults_and_nothing_is_lost() {
-    let (_, parameters, is_lost) = loaded(&Model::blank());
-    assert_eq!((parameters.get(Parameter::CanNode), is_lost), (120, false));
-}
-
-#[test]
-fn invalid_copies_give_the_defaults_and_are_reported() {
-    for saves in 1..6 {
-        let (start, _) = after_saves(saves);
-        let mut eeprom = start.clone();
-        eeprom.cells[usize::from(PARAMETERS[0]) + 7] ^= 0x10;
-        eeprom.cells[usize::from(PARAMETERS[1]) + 9] ^= 0x01;
-        let (_, parameters, is_lost) = loaded(&eeprom);
-        assert_eq!((parameters, is_lost), (defaults(), true));
-    }
-    for byte in [0x00, 0x01, 0xA5, 0xFE] {
-        let (_, parameters, is_lost) = loaded(&Model::with([byte; EEPROM_LEN]));
-        assert_eq!((parameters, is_lost), (defaults(), true), "{byte:#x}");
-    }
 }
 
 /// Whatever is in the EEPROM.
@@ -557,32 +482,6 @@ fn only_bytes_that_differ_are_written() {
     assert!(eeprom.writes <= 8, "{}", eeprom.writes);
 }
 
-#[test]
-fn nothing_outside_of_the_copies_is_touched() {
-    let mut eeprom = Model::blank();
-    let (mut store, _, _) = loaded(&eeprom);
-    for number in 0..4 {
-        assert!(save(&mut store, &mut set(number), &mut eeprom));
-    }
-    for (at, &byte) in eeprom.cells.iter().enumerate() {
-        let is_inside =
-            PARAMETERS.iter().any(|&base| (base..base + LEN as Address).contains(&(at as Address)))
-                || (SELECTOR..PARAMETERS[0]).contains(&(at as Address));
-        assert!(is_inside || byte == 0xFF, "{at:#x}");
-    }
-}
-
-#[test]
-fn without_a_save_a_change_is_not_written() {
-    let mut eeprom = Model::blank();
-    let (mut store, mut parameters, _) = loaded(&eeprom);
-    parameters.set(Parameter::CanNode.index(), 7, InMemory);
-    for _ in 0..100 {
-        store.step_once(&mut parameters, &mut eeprom, InMemory);
-    }
-    assert_eq!(eeprom.writes, 0);
-}
-
 /// Changes the copy to that of a build whose table of parameters has this digest.
 fn of_another_table(eeprom: &mut Model, copy: usize, start: u16) {
     let values = &eeprom.cells[byte(copy, 0)..][..CELLS];
@@ -629,14 +528,6 @@ fn identified(eeprom: &mut Model, noise: impl FnMut() -> u8) -> [u8; 16] {
 }
 
 #[test]
-fn a_unique_id_is_made_once_and_kept() {
-    let mut eeprom = Model::blank();
-    let id = identified(&mut eeprom, noise(1));
-    assert_ne!(id, [0; 16]);
-    assert_eq!(identified(&mut eeprom, || unreachable!()), id);
-}
-
-#[test]
 fn a_unique_id_with_one_wrong_byte_in_its_crc_is_made_again() {
     for byte in 0..CRC_LEN {
         let mut eeprom = Model::blank();
@@ -648,49 +539,6 @@ fn a_unique_id_with_one_wrong_byte_in_its_crc_is_made_again() {
             7
         });
         assert!(is_made, "{byte}");
-    }
-}
-
-#[test]
-fn a_unique_id_survives_that_parameters_are_saved() {
-    let mut eeprom = Model::blank();
-    let (mut store, mut id) = (Store::new(), [0; 16]);
-    store.identify(&mut id, &mut eeprom, InMemory, noise(1));
-    eeprom.settle();
-    let mut parameters = Parameters::new();
-    assert!(!store.load(&mut parameters, &eeprom, InMemory));
-    for number in 0..5 {
-        assert!(save(&mut store, &mut set(number), &mut eeprom));
-    }
-    assert_eq!(identified(&mut eeprom, || unreachable!()), id);
-    assert_eq!(loaded(&eeprom).1, set(4));
-}
-
-#[test]
-fn a_unique_id_that_was_cut_short_is_made_again() {
-    for writes in 0..18u32 {
-        for garbage in 0..=255 {
-            let mut eeprom = Model::blank();
-            let (mut store, mut id) = (Store::new(), [0; 16]);
-            store.identify(&mut id, &mut eeprom, InMemory, noise(1));
-            // The state while the next byte was being written. The bytes are written in order.
-            let mut cells = [0xFF; EEPROM_LEN];
-            let written = usize::from(UNIQUE_ID) + writes as usize;
-            cells[..written].copy_from_slice(&eeprom.cells[..written]);
-            cells[written] = garbage;
-            let mut again = Model::with(cells);
-            let mut is_made = false;
-            let mut noise = noise(2);
-            let second = identified(&mut again, || {
-                is_made = true;
-                noise()
-            });
-            if is_made {
-                assert_eq!(identified(&mut again, || unreachable!()), second);
-            } else {
-                assert_eq!((second, writes), (id, 17), "only if all of it was there");
-            }
-        }
     }
 }
 
