@@ -55,20 +55,6 @@ fn fresh_for(name: &str) -> Parameters {
 /// True if CAN_BAUDRATE 0 finds the bit rate.
 const HAS_SEARCH: bool = LOWEST < 0;
 
-/// The bit rate in bit/s for a value of CAN_BAUDRATE.
-fn of_bit_rate(number: i32) -> i64 {
-    if number == -1 { 0 } else { 125_000 << number }
-}
-
-/// The value on the bus for a number of the table.
-fn on_the_bus(index: usize, number: i32) -> i64 {
-    if index == usize::from(Parameter::CanBaudrate.index()) {
-        of_bit_rate(number)
-    } else {
-        number.into()
-    }
-}
-
 fn response(parameters: &Parameters, index: u8) -> std::vec::Vec<u8> {
     let value = parameters.value(index).unwrap();
     let (response, _) = Response::new(index, value, InMemory);
@@ -82,27 +68,6 @@ fn numbers(parameters: &Parameters, index: u8) -> [i64; 4] {
         assert_eq!(response[9 * n], 1, "the tag of an integer");
         i64::from_le_bytes(response[9 * n + 1..9 * n + 9].try_into().unwrap())
     })
-}
-
-#[test]
-fn every_parameter_answers_with_value_default_maximum_and_minimum() {
-    for (index, (name, min, max, default)) in table().into_iter().enumerate() {
-        let [min, max, default] = [min, max, default].map(|number| on_the_bus(index, number));
-        assert_eq!(numbers(&fresh(), index as u8), [default, default, max, min], "{name}");
-    }
-}
-
-#[test]
-fn a_response_is_laid_out_as_pydronecan_does() {
-    // CAN_NODE = 42, default 120, maximum 125, minimum 0.
-    let mut parameters = fresh();
-    assert!(set(&mut parameters, 0, 42));
-    let mut expected = [0; 36];
-    for (number, value) in [42, 120, 125, 0].into_iter().enumerate() {
-        expected[9 * number] = 1;
-        expected[9 * number + 1] = value;
-    }
-    assert_eq!(response(&parameters, 0), expected);
 }
 
 #[test]
@@ -132,27 +97,6 @@ fn all_of_a_range_can_be_set_and_nothing_else() {
             i32::MAX,
         ] {
             assert!(!set(&mut parameters, index as u8, number.into()), "{name} {number}");
-        }
-    }
-}
-
-#[test]
-fn what_is_set_is_answered() {
-    for (index, (name, min, max, default)) in table().into_iter().enumerate() {
-        // Afresh, because not every number of outputs goes with every rate.
-        let mut parameters = fresh_for(&name);
-        for number in [min, max, default, (min + max) / 2] {
-            let [number, min, max, default] =
-                [number, min, max, default].map(|number| on_the_bus(index, number));
-            if set(&mut parameters, index as u8, number) {
-                assert_eq!(
-                    numbers(&parameters, index as u8),
-                    [number, default, max, min],
-                    "{name}"
-                );
-            } else {
-                assert_eq!(name, "CAN_BAUDRATE", "half of the sum of its ends is no bit rate");
-            }
         }
     }
 }
@@ -214,59 +158,4 @@ fn every_parameter_is_found_by_its_name_and_has_it() {
             (NUMBERS_LEN..len).map(|at| response.byte(at, InMemory)).collect();
         assert_eq!(stored, name.as_bytes());
     }
-}
-
-#[test]
-fn names_of_nothing_are_not_found() {
-    for name in [
-        "",
-        "C",
-        "CAN_NOD",
-        "CAN_NODE ",
-        "CAN_NODEX",
-        "can_node",
-        "OUT1_MIX",
-        "OUT1_",
-        "MIN",
-        "OUT9_MIN",
-        "OUT0_MIN",
-        "OUT1_CAN_NODE",
-        "SEVENTEEN_LETTERS",
-        "\0",
-    ] {
-        assert_eq!(Parameters::find(name.as_bytes(), InMemory), NONE, "{name:?}");
-    }
-}
-
-#[test]
-fn there_is_no_parameter_after_the_last() {
-    let mut parameters = fresh();
-    for index in COUNT as u8..=255 {
-        assert_eq!(parameters.value(index), None);
-        assert!(!set(&mut parameters, index, 0));
-    }
-    assert_eq!(parameters, fresh());
-}
-
-#[test]
-fn names_are_unique_and_those_of_ardupilot_where_it_has_one() {
-    let names: std::collections::HashSet<_> = table().into_iter().map(|row| row.0).collect();
-    assert_eq!(names.len(), COUNT);
-    for name in names {
-        assert!(
-            name.len() <= 16
-                && name
-                    .bytes()
-                    .all(|byte| byte.is_ascii_uppercase() || byte.is_ascii_digit() || byte == b'_'),
-            "{name}"
-        );
-    }
-}
-
-#[test]
-fn values_below_zero_come_back_below_zero() {
-    let mut parameters = fresh();
-    assert!(set(&mut parameters, Parameter::TempMin.index(), -55));
-    assert_eq!(parameters.get(Parameter::TempMin) as i16, -55);
-    assert_eq!(numbers(&parameters, Parameter::TempMin.index()), [-55, -40, 150, -55]);
 }
