@@ -302,11 +302,8 @@ impl Default for Monitor {
 mod tests {
     use super::*;
     use crate::image::InMemory;
-    use crate::monitor::Words;
     use crate::monitor::text::LINES;
     use crate::tables::parameters::OutputParameter;
-    #[cfg(feature = "standard")]
-    use crate::tables::parameters::Parameter;
     use std::string::String;
 
     /// The line of a command has its type and its value.
@@ -324,54 +321,14 @@ mod tests {
             .collect()
     }
 
-    fn line_of(event: Event) -> String {
-        let mut monitor = Monitor::new();
-        *monitor.log_line(event.line) = event;
-        logged(&mut monitor)
-    }
-
-    #[cfg(feature = "values")]
-    #[test]
-    fn a_command_is_logged_with_type_source_transfer_and_value() {
-        let event = Event { line: Line::CommandUnitless, bytes: [10, 7, 1], a: 500, b: 3500 };
-        assert_eq!(
-            line_of(event),
-            "rx ArrayCommand from 10 tid 7: id 1 unitless +0.500, pulse 1750.0 us\r\n"
-        );
-    }
-
-    #[cfg(not(any(feature = "draft", feature = "values")))]
-    #[test]
-    fn a_command_is_logged_with_source_transfer_and_pulse() {
-        let event = Event { line: Line::Command, bytes: [10, 7, 1], a: 500, b: 3500 };
-        assert_eq!(line_of(event), "rx ArrayCommand from 10 tid 7: id 1, pulse 1750.0 us\r\n");
-    }
-
-    #[test]
-    fn a_status_is_logged_with_a_word_for_the_health() {
-        let health = Words::HEALTH.number(1);
-        let event = Event { line: Line::Status, bytes: [1, 31, health], a: 65_535, b: 0 };
-        assert_eq!(line_of(event), "rx NodeStatus from 1 tid 31: up 65535 s, WARNING\r\n");
-    }
-
-    #[cfg(feature = "standard")]
-    #[test]
-    fn a_parameter_is_logged_by_its_name() {
-        for (parameter, name) in
-            [(Parameter::CanNode, "CAN_NODE"), (OutputParameter::Reversed.of(0), "OUT1_REVERSED")]
-        {
-            let b = parameter.index().into();
-            let word = Words::NUMBER.number(0);
-            let line = line_of(Event { line: Line::ParameterSet, bytes: [127, 3, word], a: 1, b });
-            assert_eq!(line, format!("rx GetSet from 127 tid 3: set {name} = 1\r\n"));
-        }
-    }
-
     #[cfg(not(feature = "draft"))]
     #[test]
     fn all_number_fields_are_formatted_correctly() {
+        use crate::monitor::Words;
         let field_of = |line, bytes, a, b, before, after| {
-            let line = line_of(Event { line, bytes, a, b });
+            let mut monitor = Monitor::new();
+            *monitor.log_line(line) = Event { line, bytes, a, b };
+            let line = logged(&mut monitor);
             let (_, rest) = line.split_once(before).unwrap();
             rest.split_once(after).unwrap().0.to_string()
         };

@@ -149,15 +149,6 @@ mod tests {
     use super::*;
     use crate::golden;
 
-    #[cfg(feature = "monitor")]
-    fn logged(monitor: &mut Monitor) -> String {
-        (0..2000)
-            .map(|_| monitor.next_byte(crate::image::InMemory))
-            .filter(|&byte| byte != 0)
-            .map(char::from)
-            .collect()
-    }
-
     #[test]
     fn by_default_a_fault_is_a_warning_failsafe_an_error_and_lost_parameters_critical() {
         // In the order of the bits: transfers that broke, being disarmed and the draft are no fault
@@ -257,18 +248,6 @@ mod tests {
                 Level::Critical,
                 "{mask:#06x}"
             );
-        }
-    }
-
-    #[cfg(feature = "monitor")]
-    #[test]
-    fn the_counters_are_logged_on_request() {
-        let (mut health, mut monitor) = (Health::new(), Monitor::new());
-        health.counts = Counts { followed: 12_345, refused: 2, overruns: 321, given_up: 4 };
-        health.report(&mut monitor);
-        let log = logged(&mut monitor);
-        for count in ["12345", "2", "321", "4"] {
-            assert!(log.contains(count), "{log}");
         }
     }
 

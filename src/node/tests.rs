@@ -7,15 +7,11 @@ use crate::image::InMemory;
 use crate::tables::parameters::OutputParameter;
 use mcp2515_ordered::Frame;
 
-#[cfg(feature = "battery")]
-mod battery;
 mod manage;
 #[cfg(feature = "outputs")]
 mod outputs;
 #[cfg(feature = "relay")]
 mod relays;
-#[cfg(feature = "rpm")]
-mod rpm;
 
 impl Memory {
     /// An EEPROM with these parameters saved.
@@ -368,4 +364,28 @@ fn filters_wait_until_no_transfer_goes_out_for_four_seconds_at_most_and_for_none
         assert!(waited_ms <= 4020);
     }
     assert!(waited_ms > 2000, "{waited_ms} ms");
+}
+
+/// 10 A for 36 seconds are 100 mAh. Both inputs of the circuit are at 2.5 V.
+#[cfg(feature = "battery")]
+#[test]
+fn the_charge_of_a_time_without_measurements_is_not_known() {
+    let mut rig = Rig::with(&[
+        (Parameter::Pwr1VoltMult, 5000),
+        (Parameter::Pwr1AmpPervlt, 400),
+        (Parameter::BattRate, 1),
+        (Parameter::BattCapacity, 1000),
+    ]);
+    rig.circuit = [512, 512];
+    let charge_percent = |rig: &mut Rig| {
+        rig.run(1000);
+        let (_, payload, _) = rig.transfers(0x1804_4478, 0x249C_2654_8A71_1966).pop().unwrap();
+        (payload[16] & 0x3F) << 1 | payload[17] >> 7
+    };
+    rig.run(35_000);
+    assert_eq!(charge_percent(&mut rig), 90);
+    rig.set(Parameter::BattRate, 0);
+    rig.run(90_000);
+    rig.set(Parameter::BattRate, 1);
+    assert_eq!(charge_percent(&mut rig), 90);
 }

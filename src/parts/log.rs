@@ -150,7 +150,6 @@ impl Default for Log {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::golden;
     use crate::tables::condition::TEXTS;
     use std::string::String;
     use std::vec::Vec;
@@ -192,17 +191,6 @@ mod tests {
 
     fn told(level: u8, text: &str) -> (u8, String) {
         (level, text.to_string())
-    }
-
-    #[test]
-    fn each_condition_is_told_when_it_begins_and_when_it_ends() {
-        let (mut log, mut now_ms) = (Log::new(), 0u16.wrapping_sub(PERIOD_MS));
-        for now in golden::CONDITIONS.into_iter().filter(|now| !now.told().is_empty()) {
-            let text = TEXTS[usize::from(now.number())];
-            assert_eq!(messages(&mut log, now, &mut now_ms), [told(WARNING, text)]);
-            let over = format!("over: {text}");
-            assert_eq!(messages(&mut log, Conditions::NONE, &mut now_ms), [told(INFO, &over)]);
-        }
     }
 
     #[test]

@@ -46,20 +46,6 @@ fn buffer(acceptance: NodeAcceptance<InMemory>, id: u32) -> Option<u8> {
 }
 
 #[test]
-fn bursts_have_the_first_buffer_and_single_messages_the_second() {
-    // From several sources, at several priorities.
-    for id in [0x1003_F20A, 0x0003_F27F, 0x1E01_AAFF, 0x1E0B_AAFF, 0x1E0A_AA81] {
-        assert_eq!(buffer(WITH_ID, id), Some(0), "{id:08X}");
-    }
-    for &data_type in SINGLE_TYPES {
-        for (priority, source) in [(24, 42), (16, 1), (0, 127), (31, 10)] {
-            let id = u32::from_be_bytes(Id::message(priority, data_type, source).to_bytes());
-            assert_eq!(buffer(WITH_ID, id), Some(1), "{id:08X}");
-        }
-    }
-}
-
-#[test]
 fn other_messages_other_nodes_requests_and_all_responses_stay_out() {
     for id in [
         0x1804_562A,

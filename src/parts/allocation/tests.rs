@@ -71,53 +71,6 @@ const PERIOD_MS: std::ops::RangeInclusive<u16> = 601..=1000;
 const FOLLOW_UP_MS: std::ops::RangeInclusive<u16> = 0..=400;
 
 #[test]
-fn the_first_request_comes_after_600_to_1000_ms() {
-    for now_ms in [0, 1, 40_000, u16::MAX] {
-        for unique_id in unique_ids() {
-            let waits = waits(&asking(&unique_id, now_ms), now_ms);
-            assert!(PERIOD_MS.contains(&waits), "{waits} ms for {unique_id:02X?}");
-        }
-    }
-}
-
-#[test]
-fn unanswered_requests_are_600_to_1000_ms_apart_and_not_all_the_same() {
-    let mut allocation = asking(&UNIQUE_ID, 0);
-    let mut now_ms = 0u16;
-    let mut periods = std::collections::BTreeSet::new();
-    for _ in 0..500 {
-        let period = waits(&allocation, now_ms);
-        assert!(PERIOD_MS.contains(&period), "{period} ms");
-        periods.insert(period);
-        now_ms = now_ms.wrapping_add(period);
-        assert_eq!(ask(&mut allocation, &UNIQUE_ID, now_ms), 0, "from the beginning");
-    }
-    assert!(periods.len() > 50, "{periods:?}");
-    assert!(periods.last().unwrap() - periods.first().unwrap() > 300, "{periods:?}");
-}
-
-#[test]
-fn two_nodes_that_ask_at_the_same_time_soon_do_not() {
-    let other = {
-        let mut id = UNIQUE_ID;
-        id[15] ^= 1;
-        id
-    };
-    let next = |unique_id: &[u8; 16]| {
-        let mut allocation = asking(unique_id, 0);
-        let mut now_ms = 0u16;
-        let mut times = vec![];
-        for _ in 0..5 {
-            now_ms = now_ms.wrapping_add(waits(&allocation, now_ms));
-            ask(&mut allocation, unique_id, now_ms);
-            times.push(now_ms);
-        }
-        times
-    };
-    assert_ne!(next(&UNIQUE_ID), next(&other));
-}
-
-#[test]
 fn each_answer_asks_for_the_next_part_within_400_ms_and_the_last_gives_the_id() {
     for now_ms in [0, 65_000] {
         for unique_id in unique_ids() {
@@ -145,107 +98,54 @@ fn each_answer_asks_for_the_next_part_within_400_ms_and_the_last_gives_the_id() 
 }
 
 #[test]
-fn follow_ups_do_not_all_come_at_the_same_time() {
-    let delays: std::collections::BTreeSet<u16> = unique_ids()
-        .map(|unique_id| {
-            let mut allocation = asking(&unique_id, 0);
-            allocation.act_on_message(&message(127, 0, &unique_id[..6]), &unique_id, 0);
-            waits(&allocation, 0)
-        })
-        .collect();
-    assert!(delays.len() > 100, "{}", delays.len());
-}
-
-#[test]
-fn a_follow_up_that_is_not_answered_begins_all_over_after_600_ms_or_more() {
+fn requests_are_600_to_1000_ms_apart_and_not_all_the_same() {
     let mut allocation = asking(&UNIQUE_ID, 0);
-    assert_eq!(allocation.act_on_message(&answer(6), &UNIQUE_ID, 1000), 0);
-    let asked_ms = 1000 + waits(&allocation, 1000);
-    assert_eq!(ask(&mut allocation, &UNIQUE_ID, asked_ms), 6);
-    let period = waits(&allocation, asked_ms);
-    assert!(PERIOD_MS.contains(&period), "{period} ms");
-    assert_eq!(ask(&mut allocation, &UNIQUE_ID, asked_ms + period), 0);
-}
-
-/// Asserts that after `transfer` the node waits and begins with the first part again, without an
-/// ID, from every stage.
-fn sends_back(transfer: &Transfer, what: &str) {
-    for confirmed in [0, 6, 12] {
-        let mut allocation = asking(&UNIQUE_ID, 0);
-        if confirmed != 0 {
-            allocation.act_on_message(&answer(confirmed), &UNIQUE_ID, 700);
-        }
-        assert_eq!(allocation.act_on_message(transfer, &UNIQUE_ID, 1000), 0, "{what}");
-        let waits = waits(&allocation, 1000);
-        assert!(PERIOD_MS.contains(&waits), "{what}: {waits} ms");
-        assert_eq!(ask(&mut allocation, &UNIQUE_ID, 1000 + waits), 0, "{what}");
+    let mut now_ms = 0u16;
+    let mut periods = std::collections::BTreeSet::new();
+    for _ in 0..500 {
+        let period = waits(&allocation, now_ms);
+        assert!(PERIOD_MS.contains(&period), "{period} ms");
+        periods.insert(period);
+        now_ms = now_ms.wrapping_add(period);
+        assert_eq!(ask(&mut allocation, &UNIQUE_ID, now_ms), 0, "from the beginning");
     }
+    assert!(periods.len() > 50, "{periods:?}");
+    assert!(periods.last().unwrap() - periods.first().unwrap() > 300, "{periods:?}");
+    // Half a minute later, too.
+    assert!((1000..30_000).all(|late| allocation.is_due(now_ms.wrapping_add(late))));
 }
 
+/// The node waits and begins with the first part again, without an ID, from every stage.
 #[test]
-fn answers_to_other_nodes_send_it_back_to_waiting() {
-    for len in [6, 12, 16] {
-        for differs_at in 0..len {
-            let mut id = UNIQUE_ID;
-            id[differs_at] ^= 0x80;
-            sends_back(&message(127, 125, &id[..len]), "another's unique ID");
-        }
-    }
-}
-
-#[test]
-fn requests_of_other_nodes_send_it_back_to_waiting() {
-    sends_back(&message(0, 0, &[0x44, 0xC0, 0x8B, 0x63, 0x5E, 0x05]), "an anonymous request");
-    sends_back(&message(0, 0, &UNIQUE_ID[..6]), "an anonymous request that looks like an answer");
-    sends_back(&message(0, 125, &UNIQUE_ID), "an anonymous grant");
-}
-
-#[test]
-fn a_grant_of_node_id_0_is_none_and_it_asks_again() {
-    sends_back(&message(127, 0, &UNIQUE_ID), "node ID 0");
-}
-
-#[test]
-fn answers_with_no_or_too_much_of_a_unique_id_are_none() {
-    sends_back(&message(127, 125, &[]), "nothing of it");
-    let long: Vec<u8> = UNIQUE_ID.into_iter().chain([0]).collect();
-    sends_back(&message(127, 125, &long), "17 bytes");
-    let mut receiver = Receiver::new();
-    let empty = golden::frame(0x1E00_017F, &[0xC0]);
-    let Verdict::Message(empty) = receiver.accept(segment(&empty, 0).unwrap(), 0, 0) else {
-        panic!()
+fn a_message_that_is_no_answer_to_it_sends_it_back_to_waiting() {
+    let other = |len: usize, differs_at: usize| {
+        let mut id = UNIQUE_ID;
+        id[differs_at] ^= 0x80;
+        message(127, 125, &id[..len])
     };
-    sends_back(empty, "no payload");
-}
-
-#[test]
-fn a_grant_is_taken_without_any_request_before_it() {
-    // For example, the response to a repeated request comes late.
-    for node_id in [1, 42, 125] {
-        let mut allocation = asking(&UNIQUE_ID, 0);
-        assert_eq!(
-            allocation.act_on_message(&message(127, node_id, &UNIQUE_ID), &UNIQUE_ID, 5),
-            node_id
-        );
-    }
-}
-
-#[test]
-fn a_grant_of_126_or_127_which_are_for_tools_is_refused() {
-    for node_id in [126, 127] {
-        let mut allocation = asking(&UNIQUE_ID, 0);
-        assert_eq!(allocation.act_on_message(&message(127, node_id, &UNIQUE_ID), &UNIQUE_ID, 5), 0);
-    }
-}
-
-#[test]
-fn nothing_is_due_half_a_minute_ahead() {
-    let mut allocation = asking(&UNIQUE_ID, 0);
-    ask(&mut allocation, &UNIQUE_ID, 10_000);
-    for ahead in 0..600 {
-        assert!(!allocation.is_due(10_000 + ahead));
-    }
-    for late in 1000..30_000 {
-        assert!(allocation.is_due(10_000 + late));
+    let others = [6, 12, 16].into_iter().flat_map(|len| (0..len).map(move |at| (len, at)));
+    let long: Vec<u8> = UNIQUE_ID.into_iter().chain([0]).collect();
+    let named = [
+        ("another node's request", message(0, 0, &[0x44, 0xC0, 0x8B, 0x63, 0x5E, 0x05])),
+        ("a request like an answer", message(0, 0, &UNIQUE_ID[..6])),
+        ("an anonymous grant", message(0, 125, &UNIQUE_ID)),
+        ("a grant of 0", message(127, 0, &UNIQUE_ID)),
+        ("a grant of 126, which is for tools", message(127, 126, &UNIQUE_ID)),
+        ("a grant of 127, which is for tools", message(127, 127, &UNIQUE_ID)),
+        ("nothing of a unique ID", message(127, 125, &[])),
+        ("17 bytes of one", message(127, 125, &long)),
+    ];
+    let all = named.into_iter().chain(others.map(|(len, at)| ("another's ID", other(len, at))));
+    for (what, transfer) in all {
+        for confirmed in [0, 6, 12] {
+            let mut allocation = asking(&UNIQUE_ID, 0);
+            if confirmed != 0 {
+                allocation.act_on_message(&answer(confirmed), &UNIQUE_ID, 700);
+            }
+            assert_eq!(allocation.act_on_message(&transfer, &UNIQUE_ID, 1000), 0, "{what}");
+            let waits = waits(&allocation, 1000);
+            assert!(PERIOD_MS.contains(&waits), "{what}: {waits} ms");
+            assert_eq!(ask(&mut allocation, &UNIQUE_ID, 1000 + waits), 0, "{what}");
+        }
     }
 }

@@ -120,13 +120,6 @@ fn the_charge_that_is_left_is_that_of_the_capacity() {
 }
 
 #[test]
-fn without_a_capacity_charge_and_energy_are_unknown() {
-    let (left, full, flags, charge) = info(&used(500), 12_000, 0);
-    assert!(left.is_nan() && full.is_nan());
-    assert_eq!((flags, charge), (IN_USE, 127));
-}
-
-#[test]
 fn large_and_small_batteries_have_their_energy() {
     let (_, full, _, _) = info(&used(0), 50_400, 65_535);
     assert!((full - 3303.0).abs() < 2.0, "{full} Wh");

@@ -33,17 +33,6 @@ fn amperes(power: &Power) -> f32 {
     half::f16::from_bits(power.current()).to_f32()
 }
 
-#[test]
-fn without_a_rate_only_the_temperature_is_measured() {
-    let parameters = golden::parameters(&[]);
-    let mut power = Power::new();
-    for _ in 0..10 {
-        let next = power.next_input(&parameters);
-        assert_eq!((next, power.add(5, next)), (Input::Sensor, (Input::Sensor, false)));
-    }
-    assert!(!power.is_known());
-}
-
 /// 10 and 1 kOhm make 12.6 V to 1.1455 V, which reads 234.4.
 #[test]
 fn a_divider_multiplies_the_voltage_at_the_pin() {

@@ -155,28 +155,6 @@ fn the_delay_of_the_interrupt_makes_an_error_below_a_fifth_of_a_percent() {
 }
 
 #[test]
-fn several_pulses_in_a_turn_are_divided_by_their_number() {
-    for (in_turn, rpm) in [(2, 60_000.0), (7, 25_000.0), (60, 3_000.0), (255, 1.0), (255, 700.0)] {
-        let error = greatest_error(&mut Turning::new(&[(Parameter::RpmPulses, in_turn)]), rpm);
-        assert!(error < 0.1, "{in_turn} pulses, {rpm}: {error:.3} %");
-    }
-}
-
-#[test]
-fn a_change_of_the_speed_is_seen_after_a_window_and_a_pulse() {
-    let mut turning = Turning::new(&[]);
-    let mut before = 0.0;
-    for rpm in [6_000.0, 600.0, 60_000.0, 1_200.0, 60.0, 3_000.0] {
-        turning.at(rpm);
-        // A window that has begun, one at the new speed, and the pulses that end them.
-        let pulses_ms = 2.0 * 60_000.0 / f64::min(rpm, f64::max(before, 60.0));
-        turning.run(100 + pulses_ms as u32 + 2);
-        turning.is_within(rpm, 0.2);
-        before = rpm;
-    }
-}
-
-#[test]
 fn a_shaft_that_stops_slows_down_with_the_time_since_its_last_pulse_and_is_0_after_two_seconds() {
     let mut turning = Turning::new(&[]);
     turning.at(60_000.0).run(500);
@@ -238,48 +216,6 @@ fn an_input_with_a_pulse_in_each_slot_is_noisy_until_it_has_fewer() {
             "rpm: too many pulses\r\nrpm: pulses counted again\r\n".repeat(2)
         );
     }
-}
-
-#[test]
-fn pulses_up_to_3_900_a_second_are_counted_even_if_ticks_are_late() {
-    for passed_ms in [1, 4] {
-        let mut turning = Turning::new(&[(Parameter::RpmPulses, 3)]);
-        turning.at(78_000.0);
-        for _ in 0..250 {
-            turning.tick(passed_ms);
-        }
-        turning.is_within(78_000.0, 0.1);
-    }
-}
-
-#[test]
-fn an_input_that_bounces_within_a_slot_is_counted_once() {
-    let mut turning = Turning::new(&[]);
-    turning.pulse_us = f64::INFINITY;
-    for _ in 0..30 {
-        turning.run(10);
-        // Three edges in a slot.
-        let slot_us = (turning.now_us / SLOT_US - 2.0).floor() * SLOT_US;
-        for after_us in [20.0, 60.0, 240.0] {
-            turning.next_us = slot_us + after_us;
-            turning.tick(0);
-        }
-    }
-    turning.is_within(6_000.0, 1.0);
-}
-
-#[test]
-fn with_rpm_rate_0_nothing_is_counted_and_what_was_counted_is_forgotten() {
-    let mut turning = Turning::new(&[]);
-    turning.at(6_000.0).run(500);
-    turning.parameters = golden::parameters(&[(Parameter::RpmRate, 0)]);
-    turning.run(50);
-    assert!(!turning.is_counting);
-    assert_eq!(turning.rpm(), 0.0);
-    // Pulses of the time between are not missing in the first window.
-    turning.parameters = golden::parameters(&[(Parameter::RpmRate, 10)]);
-    turning.run(62);
-    turning.is_within(6_000.0, 0.2);
 }
 
 #[test]
