@@ -71,7 +71,7 @@ pub fn describe(observer: &mut Observer, frame: &Frame, at: Duration) -> Describ
     match observer.push(id, frame.data(), at) {
         Observation::Complete(decoded) => Described {
             text: shown(
-                &format!("{}: {decoded}", decoded.endpoints()).replace(NO_CODE, ""),
+                &format!("{}: {}", decoded.endpoints(), words(&decoded)).replace(NO_CODE, ""),
                 TEXT_MAX,
             ),
             kind: "transfer",
@@ -85,6 +85,20 @@ pub fn describe(observer: &mut Observer, frame: &Frame, at: Duration) -> Describ
             Described { text: format!("{name}, a part"), kind: "part", name: None, decoded: None }
         }
         Observation::Invalid(why) => foreign(why),
+    }
+}
+
+/// A transfer in the words of the page: requests and answers about parameters as what they do.
+fn words(decoded: &Decoded) -> String {
+    match decoded {
+        Decoded::V0(_, Message::ParameterRequest(request)) => {
+            let verb = if request.value.is_empty() { "asks for" } else { "sets" };
+            format!("{verb} parameter {request}").replacen("parameter index", "parameter", 1)
+        }
+        Decoded::V0(_, Message::ParameterResponse(response)) => {
+            format!("parameter {response}").replacen("parameter no such", "no such", 1)
+        }
+        _ => decoded.to_string(),
     }
 }
 
@@ -117,6 +131,20 @@ pub fn wire(frame: &Frame, acknowledgement: Ack, dialect: Dialect) -> Json {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn requests_for_parameters_are_told_by_what_they_do() {
+        let mut observer = Observer::new();
+        // GetSet, service 11, of node 127 to node 120: a read of index 113, and the answer that
+        // there is none.
+        let of = |observer: &mut Observer, id, data: &[u8]| {
+            describe(observer, &Frame::extended(id, data), Duration::ZERO).text
+        };
+        let request = of(&mut observer, 0x1E0B_F8FF, &[113, 0, 0xC0]);
+        assert_eq!(request, "127>120: asks for parameter 113");
+        let answer = of(&mut observer, 0x1E0B_7FF8, &[0, 0, 0, 0, 0xC0]);
+        assert_eq!(answer, "120>127: no such parameter");
+    }
 
     #[test]
     fn a_text_of_unknown_origin_is_cut_and_has_no_control_characters() {
