@@ -334,7 +334,8 @@ NOT_AT_CORNERS := --skip bounds:: --skip each_edge_is_exact --skip a_request_tha
 # without the feature that the other packages ask for.
 define TEST_LONG
 $(BOARD_TESTS) --ignored
-set -e; for corner in slow fast worst random:7; do NODE_CORNER=$$corner $(BOARD_TESTS) $(NOT_AT_CORNERS); done
+set -e; for corner in slow fast worst random:7; do export NODE_CORNER=$$corner; \
+	$(BOARD_TESTS) $(NOT_AT_CORNERS); $(SUB) test-clients CLIENTS='at_corners and not long'; done
 NODE_ELF=$$(scripts/firmware --path remote) $(BOARD_TESTS) load::
 cargo test -p mcp2515-ordered -- --include-ignored
 $(SUB) test-clients CLIENTS=long

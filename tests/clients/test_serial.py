@@ -16,6 +16,8 @@ from dronecan import uavcan
 
 from conftest import ROOT, TARGET, TIMEOUT_S, node_elf, program, wait_until
 
+pytestmark = pytest.mark.at_corners
+
 # Debian's arduino-core-avr.
 BOOTLOADERS = pathlib.Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 BOOTLOADER = BOOTLOADERS / "atmega/ATmegaBOOT_168_diecimila.hex"

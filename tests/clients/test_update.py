@@ -18,6 +18,8 @@ from dronecan import uavcan
 # An earlier import may hold the types from before conftest.py loaded them again.
 importlib.reload(dronecan.app.file_server)
 
+pytestmark = pytest.mark.at_corners
+
 NodeStatus = uavcan.protocol.NodeStatus
 
 
