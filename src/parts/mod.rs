@@ -8,6 +8,30 @@
 //! groups of the part's feature. What is in a group that a build leaves out has no number there,
 //! and code that names it does nothing.
 
+/// The twin of a part, for builds that leave the part out: a type of no size, with the methods of
+/// the part, which do nothing and return a constant.
+macro_rules! absent {
+    ($name:ident; $(fn $method:ident($($argument:tt)*) $(-> $type:ty = $value:expr)?;)*) => {
+        /// Nothing.
+        #[derive(Default)]
+        pub struct $name;
+
+        impl $name {
+            /// Nothing.
+            pub const fn new() -> Self {
+                Self
+            }
+
+            $(
+                /// Does nothing.
+                pub fn $method($($argument)*) $(-> $type)? {
+                    $($value)?
+                }
+            )*
+        }
+    };
+}
+
 pub mod outputs;
 
 #[cfg_attr(not(feature = "allocation"), path = "absent/allocation.rs")]

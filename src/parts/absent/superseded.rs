@@ -2,22 +2,9 @@
 
 use crate::monitor::Monitor;
 
-/// Nothing.
-#[derive(Default)]
-pub struct Superseded;
-
-impl Superseded {
-    /// Nothing.
-    pub const fn new() -> Self {
-        Self
-    }
-
-    /// Does nothing.
-    pub fn count(&mut self) {}
-
-    /// Does nothing.
-    pub fn second(&mut self, _: &mut Monitor) {}
-
-    /// Does nothing.
-    pub fn report(&self, _: &mut Monitor) {}
+absent! {
+    Superseded;
+    fn count(&mut self);
+    fn second(&mut self, _: &mut Monitor);
+    fn report(&self, _: &mut Monitor);
 }

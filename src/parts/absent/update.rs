@@ -35,58 +35,19 @@ impl Verdict {
     }
 }
 
-/// Nothing.
-#[derive(Default)]
-pub struct Update;
-
-impl Update {
-    /// Nothing.
-    pub const fn new() -> Self {
-        Self
-    }
-
-    /// Does nothing.
-    pub fn start(&mut self, _has_loader: bool) {}
-
-    /// 0: the version in flash has it.
-    pub fn mark(&self) -> u8 {
-        0
-    }
-
-    /// Does nothing.
-    pub fn parameters_are_saved(&mut self) {}
-
-    /// Does nothing.
-    pub fn step(&mut self, _node: u8, _: &Parameters, _: &mut impl Eeprom) {}
-
-    /// Rejects the request.
-    pub fn act_on_request(&mut self, _request: &Transfer, _is_in_use: bool) -> Verdict {
-        Verdict::NoLoader
-    }
-
-    /// False.
-    pub fn is_accepted(&self) -> bool {
-        false
-    }
-
-    /// Does nothing.
-    pub fn answer(&mut self) {}
-
-    /// False.
-    pub fn is_answered(&self) -> bool {
-        false
-    }
-
-    /// Does nothing.
-    pub fn call_off(&mut self) {}
-
-    /// `None`.
-    pub fn hand_over(
-        &mut self,
-        _node: u8,
-        _: &Parameters,
-        _: &mut impl Eeprom,
-    ) -> Option<&[u8; REQUEST_LEN]> {
-        None
-    }
+absent! {
+    Update;
+    fn start(&mut self, _has_loader: bool);
+    // 0: the version in flash has it.
+    fn mark(&self) -> u8 = 0;
+    fn parameters_are_saved(&mut self);
+    fn step(&mut self, _node: u8, _: &Parameters, _: &mut impl Eeprom);
+    // Rejects the request.
+    fn act_on_request(&mut self, _: &Transfer, _is_in_use: bool) -> Verdict = Verdict::NoLoader;
+    fn is_accepted(&self) -> bool = false;
+    fn answer(&mut self);
+    fn is_answered(&self) -> bool = false;
+    fn call_off(&mut self);
+    fn hand_over(&mut self, _node: u8, _: &Parameters, _: &mut impl Eeprom)
+        -> Option<&[u8; REQUEST_LEN]> = None;
 }
