@@ -5,6 +5,7 @@
 //! [`Event`](super::Event).
 
 use crate::tables::condition::TEXTS;
+use crate::tables::numbered;
 
 /// The table: [`PACKED`].
 pub struct Texts;
@@ -16,32 +17,20 @@ macro_rules! lines {
     ($($what:ident $(($list:ident = $first:ident))? if $if:meta {
         $($(#[doc = $doc:literal])* $name:ident = $text:expr,)*
     })*) => {
-        #[repr(u8)]
-        enum Place {
-            $($(#[cfg($if)] $name,)*)*
-        }
-
         /// A line of text. The constants here are the only values; those of a part that the build
         /// leaves out are [`Line::NONE`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub struct Line(u8);
 
-        #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration")]
-        impl Line {
-            $($(
-                $(#[doc = $doc])*
-                #[cfg($if)]
-                pub const $name: Self = Self(Place::$name as u8 | lines!(@$what));
-                $(#[doc = $doc])*
-                #[cfg(not($if))]
-                pub const $name: Self = Self::NONE;
-            )*)*
+        numbered! {
+            Line, Self::NONE;
+            $(if $if { $($(#[doc = $doc])* $name | lines!(@$what);)* })*
         }
 
         impl Words {
             $($(
                 /// The words of this list.
-                pub const $list: Self = Self(Place::$first as u8);
+                pub const $list: Self = Self(Line::$first.0);
             )?)*
         }
 

@@ -15,6 +15,34 @@
 //! | [`output_kinds`] | the kinds of output |
 //! | [`information`] | versions, name and texts |
 
+/// The constants of the type of a table's rows, which wraps a number: that of the row in a build
+/// that has the row, with bits of its own if it has them, and `$none` in one that leaves it out.
+macro_rules! numbered {
+    ($type:ident, $none:expr; $(if $if:meta {
+        $($(#[doc = $doc:literal])* $name:ident $(| $bits:expr)?;)*
+    })*) => {
+        const _: () = {
+            #[repr(u8)]
+            enum Place {
+                $($(#[cfg($if)] $name,)*)*
+            }
+
+            #[allow(non_upper_case_globals, reason = "they read as variants of an enumeration")]
+            impl $type {
+                $($(
+                    $(#[doc = $doc])*
+                    #[cfg($if)]
+                    pub const $name: Self = Self(Place::$name as u8 $(| $bits)?);
+                    $(#[doc = $doc])*
+                    #[cfg(not($if))]
+                    pub const $name: Self = $none;
+                )*)*
+            }
+        };
+    };
+}
+pub(crate) use numbered;
+
 pub mod bit_rate;
 pub mod condition;
 pub mod information;

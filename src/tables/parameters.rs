@@ -26,27 +26,12 @@ macro_rules! parameters {
         $($(#[doc = $doc:literal])*
         $id:ident $name:literal $min:tt .. $max:tt = $default:expr,)*
     })*) => {
-        #[repr(u8)]
-        enum Place {
-            $($(#[cfg($if)] $id,)*)*
-        }
-
         /// A parameter that the node has once. The constants here are the only values; those of a
         /// part that the build leaves out are no parameter, and have the value 0.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub struct Parameter(u8);
 
-        #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration")]
-        impl Parameter {
-            $($(
-                $(#[doc = $doc])*
-                #[cfg($if)]
-                pub const $id: Self = Self(Place::$id as u8);
-                $(#[doc = $doc])*
-                #[cfg(not($if))]
-                pub const $id: Self = Self(NONE);
-            )*)*
-        }
+        numbered! { Parameter, Self(NONE); $(if $if { $($(#[doc = $doc])* $id;)* })* }
 
         /// The parameters of [`Parameter`].
         const SINGLE: &[Row] = &[$($(#[cfg($if)] ($name, $min, $max, $default),)*)*];
@@ -59,26 +44,11 @@ macro_rules! output_parameters {
     ($(if $if:meta {
         $($(#[doc = $doc:literal])* $id:ident $name:literal $min:literal .. $max:tt = $default:tt,)*
     })*) => {
-        #[repr(u8)]
-        enum OutputPlace {
-            $($(#[cfg($if)] $id,)*)*
-        }
-
         /// A parameter that each output has. As [`Parameter`].
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub struct OutputParameter(u8);
 
-        #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration")]
-        impl OutputParameter {
-            $($(
-                $(#[doc = $doc])*
-                #[cfg($if)]
-                pub const $id: Self = Self(OutputPlace::$id as u8);
-                $(#[doc = $doc])*
-                #[cfg(not($if))]
-                pub const $id: Self = Self(NONE);
-            )*)*
-        }
+        numbered! { OutputParameter, Self(NONE); $(if $if { $($(#[doc = $doc])* $id;)* })* }
 
         /// The parameters of an output. Their names follow `OUTn_`.
         const TEMPLATE: &[Row] =

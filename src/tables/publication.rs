@@ -25,26 +25,11 @@ macro_rules! publications {
         $name:ident = $type:path, $form:ident, $len:expr, $when:expr $(, $needs:ident)?
             => $put:ident $(. $method:ident)?;)*
     })*) => {
-        #[repr(u8)]
-        enum Place {
-            $($(#[cfg($if)] $name,)*)*
-        }
-
         /// A message that the node sends. Those of a part that the build leaves out are never sent.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub struct Publication(u8);
 
-        #[allow(non_upper_case_globals, reason = "they read as the variants of an enumeration")]
-        impl Publication {
-            $($(
-                $(#[doc = $doc])*
-                #[cfg($if)]
-                pub const $name: Self = Self(Place::$name as u8);
-                $(#[doc = $doc])*
-                #[cfg(not($if))]
-                pub const $name: Self = Self::NONE;
-            )*)*
-        }
+        numbered! { Publication, Self::NONE; $(if $if { $($(#[doc = $doc])* $name;)* })* }
 
         /// The data type of each message.
         const TYPES: &[Message] = &[$($(#[cfg($if)] $type,)*)*];
