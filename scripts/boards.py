@@ -5,6 +5,7 @@ the table, for every choice.
 
 import argparse
 import dataclasses
+import os
 import pathlib
 import re
 import subprocess
@@ -12,6 +13,7 @@ import sys
 import tomllib
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
+TARGET = ROOT / os.environ.get("CARGO_TARGET_DIR", "target")
 TABLE = tomllib.loads((ROOT / "avr-specs/boards.toml").read_text())
 LIMITS = tomllib.loads((ROOT / "avr-specs/budget.toml").read_text())
 
@@ -145,6 +147,12 @@ class Choice:
         }
 
 
+def output(*command):
+    """What a command prints, without spaces around it."""
+    done = subprocess.run(command, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
+    return done.stdout.strip()
+
+
 def fill(page, word, blocks, check=False):
     """Writes blocks of a page, or with `check` fails if they differ: what is between the comments
     "name: from make word" and "end".
@@ -171,8 +179,7 @@ def table(heads, rows):
 
 def size(elf):
     """Flash and static RAM of a program in bytes. Of a HEX file only the first means anything."""
-    sizes = subprocess.run(["avr-size", elf], stdout=subprocess.PIPE, text=True, check=True).stdout
-    text, data, bss = map(int, sizes.splitlines()[1].split()[:3])
+    text, data, bss = map(int, output("avr-size", elf).splitlines()[1].split()[:3])
     return text + data, data + bss
 
 
