@@ -265,13 +265,15 @@ sources: setup-build
 	set -e; for page in elf-mutants wiring-page release-page; do scripts/$$page --check; done
 PROGRAM := -p servo-node --bin servo-node
 PUBLISHED := avr-bounds avr-core can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
-# First clippy, for both targets. Then the published crates with a stable Rust and the oldest one that
-# they promise, also for a Cortex-M0, with their documentation, and own-node on its boards. Last, cargo
-# packs each published crate and builds it from its package. In one call, so that a package finds the
-# others before crates.io has them, and in a new directory: in one that it knows cargo keeps what it
-# has unpacked, whatever changed since.
-## "make sources", clippy with warnings as errors, and the published crates with other versions of Rust
-lint: setup-test sources
+# First the Python: names that are not defined or not used. Clippy, for both targets. Then the published
+# crates with a stable Rust and the oldest one that they promise, also for a Cortex-M0, with their
+# documentation, and own-node on its boards. Last, cargo packs each published crate and builds it from
+# its package. In one call, so that a package finds the others before crates.io has them, and in a new
+# directory: in one that it knows cargo keeps what it has unpacked, whatever changed since.
+## "make sources", ruff, clippy with warnings as errors, and the published crates with other versions of Rust
+lint: setup-test sources $(VENV)/installed
+	$(VENV)/bin/ruff check --no-cache --select F,E9 tests/clients scripts/*.py \
+		$$(git grep -l '^.!.*python3' scripts)
 	cargo clippy --target thumbv6m-none-eabi -p dronecan-wire -p mcp2515-ordered -- -D warnings
 	set -e; for board in "$(RP2040)" "$(STM32F103)"; do cargo clippy $$board -- -D warnings; done
 	set -e; for preset in default remote full; do \

@@ -93,7 +93,7 @@ class Page:
 def read_page(path):
     page, prelude = Page({}), ""
     title, kinds, typed, numbers_vary, terminal = "", set(), False, False, 0
-    blocks, fence, lines = [], None, []
+    blocks, fence, lines, start, typed_after = [], None, [], 0, ""
     for number, line in enumerate(path.read_text().splitlines(), 1):
         where = f"{path}:{number}"
         if fence is not None:

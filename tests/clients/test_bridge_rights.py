@@ -10,7 +10,7 @@ import pytest
 from pymavlink import mavutil
 
 from conftest import TIMEOUT_S, free_port, wait_until
-from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, Station, as_float, mavlink, value_of
+from ground import ACCEPTED, BRIDGE, DENIED, SYSTEM, as_float, mavlink, value_of
 from many_nodes import Node, integers
 
 NODE = 42

@@ -205,7 +205,7 @@ def test_the_gui_tool_s_serial_port_works_through_the_bridge(many_nodes, bridge)
     wait_until(answer, "answer of the device")
     assert node.asked_by == 127
     # DroneCANSerial closes itself, and can be closed only once.
-    del line
+    line = None
     client.close()
 
 
@@ -236,4 +236,4 @@ def test_the_gui_tool_s_serial_port_shows_the_node_s_serial_monitor(bench):
         return re.search(rb"temperature \+2\d\.\d C", received)
 
     wait_until(answer, "temperature on the serial monitor")
-    del line
+    line = None
