@@ -61,7 +61,7 @@ function borrowsAll(opcode, { registers, sreg }) {
 }
 
 /**
- * Where avr8js is wrong and simavr is right, by the manual: docs/peripherals.md. Each has a name, the
+ * Where avr8js is wrong and simavr is right, by the manual (Atmel 0856). Each has a name, the
  * bits of SREG in which avr8js may differ, and the cycles that it lacks.
  */
 function known(opcode, before, after) {

@@ -9,7 +9,7 @@
 //! further ones. Both keep their own SRAM, which later loads compare.
 //!
 //! `opcodes.cjs` knows where avr8js is wrong by the manual of the instruction set; there simavr
-//! must agree with the manual. docs/peripherals.md names these places.
+//! must agree with the manual. opcodes.cjs names these places.
 //!
 //! The test needs Node.js and avr8js, from `web/node_modules` or from the directory in AVR8JS:
 //!
