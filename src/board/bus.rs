@@ -293,9 +293,13 @@ impl Bus {
         if load(&raw const WRITTEN) == read {
             return;
         }
+        // The handler may write the place until it has written `WRITTEN`, and again once `READ` is
+        // written. The compiler must not move an access to the frame to before or after that.
+        compiler_fence(Ordering::SeqCst);
         // Safety: the index is less than the length. The place is from READ to WRITTEN, so `fetch`
         // does not write it before READ is incremented.
         act(unsafe { &*(&raw const QUEUE).cast::<Frame>().byte_add(offset(read)) });
+        compiler_fence(Ordering::SeqCst);
         // Safety: the pointer is to a static. Only the main loop writes this counter. The reference
         // to the frame has ended, so the place is free.
         unsafe { (&raw mut READ).write_volatile(read.wrapping_add(1)) };
