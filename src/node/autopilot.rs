@@ -4,8 +4,8 @@
 //! tool may command the servo. So the autopilot is the node that sent the last valid command: one
 //! that was followed, or rejected only because the vehicle was disarmed. Before the first command
 //! it is the lowest node ID that sends a NodeStatus, because flight controllers have low IDs and
-//! tools have high ones. An autopilot that is silent for three seconds is offline, as in the
-//! specification.
+//! tools have high ones. An autopilot that is silent for three to four seconds is offline: the
+//! specification says three.
 
 use dronecan_wire::NodeId;
 

@@ -2,8 +2,8 @@
 //! docs/update.md describes the hand-over.
 //!
 //! The node accepts a request only if the vehicle cannot be flying: it is not armed, and no command
-//! was followed for two seconds. It answers, and some time later hands the request over to the
-//! bootloader, which reads the file.
+//! was followed for two to three seconds. It answers, and some time later hands the request over to
+//! the bootloader, which reads the file.
 
 use dronecan_wire::crc;
 
