@@ -49,9 +49,10 @@ pass, the node follows at least 95 of 100, unless the fault cuts it off.
 | search with `CAN_BAUDRATE` 0 | a start | until the rate is found: 1 s beside an autopilot, 6 s where two nodes send their status only | while it searches |
 | bootloader, before it sends | a restart into it | until a frame without an error; after errors it tries the next rate each second | with errors, all the time: an update waits until the noise is over |
 
-A rate of the bus that changes without a gap looks like noise: the node sends error frames for up to
-2.5 s, and then listens. Nodes of one wrong rate that have the bus to themselves for 1.2 s prove
-their rate to each other: power them up beside the autopilot.
+A rate of the bus that changes without a gap looks like noise: the node sends 100 to 3,100 error
+frames within 2.5 s, and then listens. Nodes of one wrong rate that have the bus to themselves for
+1.2 s prove their rate to each other, and send up to 400 error frames each: power them up beside the
+autopilot.
 ";
 
 const SOAK: &str = "
@@ -59,11 +60,11 @@ const SOAK: &str = "
 
 `make soak HOURS=4` runs a node for simulated hours: 50 commands a second, statuses and other
 messages of other nodes, a client that reads, sets and saves parameters, and about four times a
-minute one of 21 kinds of faults. The node must recover from each within a second. Between the
-faults it must follow and count each command, in pulses that begin 20 ms after the one before, send
-its statuses in time and in order, and lose nothing. `make test` does this for a minute
-(`tests/boards/soak.rs`). In four hours no check failed; the longest recovery took 180 ms, from a
-controller that was held in configuration mode.
+minute one of 21 kinds of faults (22 with the preset `full`). The node must recover from each within
+a second. Between the faults it must follow and count each command, in pulses that begin 20 ms after
+the one before, send its statuses in time and in order, and lose nothing. `make test` does this for
+a minute (`tests/boards/soak.rs`). In four hours no check failed; the longest recovery took 180 ms,
+from a controller that was held in configuration mode.
 
 ## Mistakes in the program
 
