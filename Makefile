@@ -96,10 +96,10 @@ web: setup-web
 ## sim, bridge, node-update, node-check and avr-bounds in ~/.cargo/bin, with man pages and completions
 ## (PREFIX=/usr/local)
 install: firmware
-	@$(SUB) program-sim program-bridge program-node-update program-node-check
-	@set -e; for path in sim host/bridge host/update host/check crates/avr-bounds; do \
+	@$(SUB) program-sim program-bridge program-node-tools
+	@set -e; for path in sim host/bridge host/tools crates/avr-bounds; do \
 		cargo install --quiet --locked --offline --root '$(PREFIX)' --path $$path; done
-	@cargo run --quiet --release --locked -p manuals -- '$(PREFIX)/share'
+	@cargo run --quiet --release --locked -p sim --example manuals -- '$(PREFIX)/share'
 	@echo "Installed sim, bridge, node-update, node-check and avr-bounds in $(PREFIX)/bin$$( \
 		case ":$$PATH:" in *:'$(PREFIX)/bin':*) ;; *) echo ", which is not in PATH yet";; esac)"
 	@$(if $(BOARD)$(SHIELD)$(FEATURES),echo "sim without --elf simulates the default firmware. For this \
@@ -145,14 +145,14 @@ update:
 	@test '$(NODE)' || $(call FAIL,Say which node: make update $(EXAMPLE) or NODE=all)
 	@test -z '$(FILE)' || test -r '$(FILE)' || $(call FAIL,FILE=$(FILE) is no file that you can read)
 	$(if $(FILE),,@$(SUB) firmware FEATURES='$(UPDATED)')
-	@$(SUB) program-node-update
+	@$(SUB) program-node-tools
 	@$(PROGRAMS)/node-update '$(UPDATE)' --bus '$(BUS)' --node '$(NODE)' $(BIT_RATE) $(ARGS)
 # It offers an update with the program that the node has, if that has been built here.
 ## check a real board, and write a report for an issue: ten minutes
 ## (NODE=120 BUS=slcan:/dev/ttyACM0; PORT=/dev/ttyUSB0 if there is one)
 check:
 	@test '$(BUS)' || $(call FAIL,Say which bus: make check $(EXAMPLE) PORT=/dev/ttyUSB0)
-	@$(SUB) program-node-check
+	@$(SUB) program-node-tools
 	@$(PROGRAMS)/node-check --bus '$(BUS)' --node '$(or $(NODE),120)' $(if $(PORT),--port '$(PORT)') \
 		--report '$(TARGET_DIR)/check' $(BIT_RATE) \
 		$(foreach file,$(wildcard $(TARGET_DIR)/firmware/*.bin),--firmware '$(file)') $(ARGS)
@@ -186,21 +186,21 @@ firmwares: third-party
 third-party: setup-build
 	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do cargo build $$options -p third-party; \
 		cargo build $$options -p third-party --features wrong-rxb1 --bin third-party-mcp25xx-wrong-rxb1; done
-# "bridge" and "rig" are in each call: so cargo builds the simulator with one set of features, once.
+# All are in each call: so cargo builds the simulator with one set of features, once.
 TESTED := $(addprefix -p ,avr-bounds boards boot bridge fuzz-harness mcp2515-ordered dronecan-wire \
-	dronecan-host can-frame own-node sim-base can-model mcp2515-model bus-load can-link node-update \
-	node-check avr-core avr-model bench sim manuals rig)
+	dronecan-host can-frame own-node sim-base can-model mcp2515-model node-tools \
+	avr-core avr-model bench sim tests)
 test-programs: setup-simavr
-	cargo test --no-run $(TESTED) -p tests
-	cargo build -p node-update -p node-check
+	cargo test --no-run $(TESTED)
+	cargo test --no-run $(TESTED) --test boards --test judge
 ## tests of the crates and programs, bounds of the firmwares, and the pages with their sizes
 test-host: test-programs firmwares
 	nice cargo test $(TESTED)
-	nice cargo test -p bridge -p rig -p web --test engines
+	nice cargo test $(TESTED) -p web --test engines
 	nice scripts/bounds $(SHIPPED)
 	nice scripts/bounds $(UNO) full default outputs,rpm
 	set -e; for board in "" "$(UNO)"; do nice scripts/bounds $$board --boot; done
-	nice cargo test -p tests -p bridge --test judge -- --nocapture
+	nice cargo test $(TESTED) --test judge -- --nocapture
 	scripts/docs --measured
 	scripts/budget-page --check
 
@@ -216,7 +216,7 @@ test-library: setup-build
 		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; echo "cargo test $$options"; \
 		$(ON_BOARD) nice cargo test $$options; done
 # They run the programs in target/firmware.
-BOARD_TESTS = nice cargo test -p tests -p bridge --test boards --
+BOARD_TESTS = nice cargo test $(TESTED) --test boards --
 FILES := $(patsubst tests/boards/%.rs,%,$(filter-out %/main.rs,$(wildcard tests/boards/*.rs)))
 TEST_FILES := $(FILES)
 IS_PART = $(filter-out $(TEST_FILES),$(FILES))
@@ -281,7 +281,7 @@ lint: setup-test sources $(VENV)/installed
 	cargo clippy $(AVR) -p boot -p third-party --features third-party/wrong-rxb1 -- -D warnings
 	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) $(PROGRAM) --features full -- -D warnings
 	cargo clippy --workspace --all-targets -- -D warnings
-	cargo clippy -p web -p dronecan-host -p node-update -p node-check --lib --target wasm32-unknown-unknown \
+	cargo clippy -p web -p dronecan-host -p node-tools --lib --target wasm32-unknown-unknown \
 		-- -D warnings
 	rustup toolchain install --profile minimal --target thumbv6m-none-eabi,thumbv7m-none-eabi 1.88
 	rustup run stable rustc --version || rustup toolchain install --profile minimal stable
@@ -361,7 +361,7 @@ cross-check: $(if $(CROSS_BROWSER),setup-browser,setup-web setup-simavr)
 ## what "make bounds" proves of random programs, against runs of them: half an hour  (SEED=7)
 judge: setup-test
 	JUDGE_SECONDS=1800 JUDGE_SEED=$(or $(SEED),$$(date +%s)) \
-		cargo test -p tests -p bridge --test judge -- --nocapture
+		cargo test $(TESTED) --test judge -- --nocapture
 ## a million random and mutated frames and transfers  (FUZZ_SEED=1 for others)
 fuzz: setup-simavr firmware
 	$(ON_CORE) FUZZ_FRAMES=1000000 $(BOARD_TESTS) fuzz:: --nocapture

@@ -6,3 +6,4 @@ pub mod pins;
 pub mod time;
 pub mod ui;
 pub mod usage;
+pub mod utilisation;

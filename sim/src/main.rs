@@ -16,6 +16,7 @@ use sim::ui::run;
 use sim::ui::scene::Scene;
 use sim::ui::terminal;
 use sim::usage::{OrUsage, is_usage};
+use sim::utilisation;
 use std::env;
 use std::fs::{self, OpenOptions};
 use std::io::{self, IsTerminal, Write};
@@ -62,7 +63,7 @@ fn main() -> ExitCode {
 fn run(args: &Args) -> Result<ExitCode> {
     match &args.command {
         Some(Command::Utilisation(args)) => {
-            bus_load::run(args, io::stdout().lock()).or_usage()?;
+            utilisation::run(args, io::stdout().lock()).or_usage()?;
             return Ok(ExitCode::SUCCESS);
         }
         Some(Command::Bounds(options)) => return options.run(&mut io::stdout().lock()),

@@ -1,4 +1,4 @@
-//! Measures every fault of `tests/rig/src/faults`, prints docs/reliability.md and writes it. `make
+//! Measures every fault of `tests/rig/faults`, prints docs/reliability.md and writes it. `make
 //! reliability`.
 
 fn main() {

@@ -21,9 +21,9 @@ use bench::bus_log::Format;
 use bench::can::Frame;
 use bench::dronecan::slcan::adapter::{Adapter, Channel, Refusal};
 use bench::dronecan::{Message, NodeId, NodeInfo, NodeStatus, Opcode, Transfer};
-use node_update::file::FirmwareFile;
-use node_update::search::{self, Search};
-use node_update::tool::Tool;
+use node_tools::update::file::FirmwareFile;
+use node_tools::update::search::{self, Search};
+use node_tools::update::tool::Tool;
 use serde_json::{Value as Json, json};
 
 use crate::dialogue::Dialogue;

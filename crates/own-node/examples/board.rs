@@ -9,8 +9,8 @@ use std::rc::Rc;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result, bail};
-use can_link::Bus;
 use can_model::SoftNode;
+use dronecan_host::link::Bus;
 use embedded_can::nb::Can;
 use own_node::{Action, Node};
 

@@ -6,7 +6,7 @@ use std::convert::Infallible;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, Result};
-use can_link::Bus;
+use dronecan_host::link::Bus;
 use dronecan_host::{Frame, Id};
 use embedded_can::nb::Can;
 use embedded_can::{ExtendedId, Frame as _};

@@ -2,7 +2,7 @@
 
 use crate::args::Args;
 use clap::CommandFactory as _;
-use help_topics::{Help, Topic};
+use dronecan_host::help::{Help, Topic};
 
 /// The help of the bridge.
 pub const HELP: Help = Help {

@@ -39,4 +39,4 @@ pub mod state;
 pub mod task;
 pub mod tunnel;
 
-use can_link as bus;
+use dronecan_host::link as bus;

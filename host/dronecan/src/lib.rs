@@ -9,8 +9,8 @@
 //! that are decoded completely ([`status`], [`actuator`], [`broadcast`], [`battery`], [`esc`], and
 //! for services [`management`]), and [`message`] with all of them, from the table, too. [`text`]
 //! formats them. [`draft`] has the same layers for the draft, and [`dialect`] finds the dialect of
-//! a frame. Besides there are [`slcan`], the text protocol of serial adapters, and [`mcast`], the
-//! UDP multicast bus.
+//! a frame. Besides there are [`slcan`], the text protocol of serial adapters, [`mcast`], the UDP
+//! multicast bus, [`link`], the bus of a program, and [`help`], the `--help` of one.
 //!
 //! Limits: extended data frames only, because the dialect has no others. Types beyond [`Message`]
 //! have a name and are not decoded.
@@ -25,7 +25,11 @@ pub mod dialect;
 mod dispatch;
 pub mod draft;
 pub mod esc;
+#[cfg(not(target_family = "wasm"))]
+pub mod help;
 pub mod id;
+#[cfg(not(target_family = "wasm"))]
+pub mod link;
 pub mod management;
 #[cfg(not(target_family = "wasm"))]
 pub mod mcast;

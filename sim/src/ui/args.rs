@@ -5,6 +5,7 @@ use super::report::{Finding, Judgement};
 use crate::fault::Injection;
 use crate::links::{self, script::millivolts, script::rpm};
 use crate::time::{parse_duration, seconds};
+use crate::utilisation;
 use anyhow::{Result, bail, ensure};
 use bench::autopilot::{CommandType, Moves, Only, Profile, Settings};
 use bench::avr::Engine;
@@ -286,7 +287,7 @@ pub enum Actuator {
 #[derive(Clone, Debug, clap::Subcommand)]
 pub enum Command {
     /// Plan the load of a bus: calculate it from message types and rates, in per cent
-    Utilisation(bus_load::Args),
+    Utilisation(utilisation::Args),
     /// Prove from the machine code of a program how much stack and how many cycles it needs
     #[command(after_help = bounds::command::HELP)]
     Bounds(bounds::command::Options),

@@ -4,8 +4,8 @@ use super::args::Args;
 use super::keys;
 use crate::fault;
 use bench::corner;
+use bench::dronecan::help::{Help, Topic};
 use clap::CommandFactory as _;
-use help_topics::{Help, Topic};
 
 /// The help of `sim`.
 pub const HELP: Help = Help {

@@ -10,6 +10,7 @@ use super::measured::Measured;
 use super::mistakes::Mistakes;
 use super::traffic::{ERROR_FRAME, Origin, Traffic, TrafficLine};
 use crate::fault::Fault;
+use crate::utilisation::measured::LoadByType;
 use bench::board::SpiUse;
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
@@ -20,7 +21,6 @@ use bench::dronecan::{
 use bench::vendor_code;
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
-use bus_load::measured::LoadByType;
 use std::cell::RefCell;
 use std::collections::VecDeque;
 

@@ -1,13 +1,13 @@
-//! The checks of a node ([`node_check`]) on the real bus, without the serial port and a logic
-//! analyser. While they run the page sends nothing else.
+//! The checks of a node ([`node_tools::check`]) on the real bus, without the serial port and a
+//! logic analyser. While they run the page sends nothing else.
 
 use std::time::Duration;
 
 use bench::can::Frame;
 use bench::dronecan::NodeId;
 use bench::dronecan::slcan::adapter::{Adapter, BUS_ERROR};
-use node_check::desk::{Answer, Output};
-use node_check::session::{Plan, Session};
+use node_tools::check::desk::{Answer, Output};
+use node_tools::check::session::{Plan, Session};
 use serde_json::{Value as Json, json};
 
 /// How long error counters are observed.
@@ -125,7 +125,7 @@ impl Check {
             ("Page", env!("CARGO_PKG_VERSION").into()),
             ("Node", self.node.to_string()),
             ("Bus", format!("{bit_rate} bit/s")),
-            node_check::report::board(),
+            node_tools::check::report::board(),
         ];
         report.markdown()
     }

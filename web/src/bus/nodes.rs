@@ -6,7 +6,7 @@ use std::time::Duration;
 use bench::dronecan::text::hex;
 use bench::dronecan::{Decoded, Message, NodeId, NodeInfo, NodeStatus, draft};
 use bench::vendor_code;
-use node_update::search::is_of_this_project;
+use node_tools::update::search::is_of_this_project;
 use serde_json::{Value as Json, json};
 
 use crate::traffic::shown;

@@ -5,12 +5,12 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use bench::dronecan::{NodeId, Transfer};
-use node_update::file::FirmwareFile;
-use node_update::fleet::{Due, Fleet};
-use node_update::heard::Heard;
-use node_update::search::{self, Search};
-use node_update::session::Outcome;
-use node_update::tool::Tool;
+use node_tools::update::file::FirmwareFile;
+use node_tools::update::fleet::{Due, Fleet};
+use node_tools::update::heard::Heard;
+use node_tools::update::search::{self, Search};
+use node_tools::update::session::Outcome;
+use node_tools::update::tool::Tool;
 use serde_json::{Value as Json, json};
 
 use super::MESSAGE_MAX;

@@ -7,10 +7,10 @@
 use bench::avr::{Chip, Firmware};
 use bench::can::{Engine, EngineMode, Event, Frame, Level, OnWire as _, Station as _};
 use bench::mcp2515::Mcp2515;
-use bus_load::{Cost, Entry};
 use sim::fault::Injection;
 use sim::links::script;
 use sim::time::parse_duration;
+use sim::utilisation::{Cost, Entry};
 
 /// Runs an input.
 pub fn run(input: &[u8]) {

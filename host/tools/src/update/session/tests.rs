@@ -1,0 +1,349 @@
+//! Tests of the update of one node.
+
+use super::*;
+use crate::update::file::tests::{file_of, file_with_crc};
+use dronecan_host::{CanId, TransferId};
+
+fn id(id: u8) -> NodeId {
+    NodeId::new(id).unwrap()
+}
+
+fn seconds(seconds: f32) -> Duration {
+    Duration::from_secs_f32(seconds)
+}
+
+fn session(file: &FirmwareFile) -> Session {
+    Session::new(id(120), (1, 2), Rc::new(file.clone()), id(125), Duration::ZERO)
+}
+
+fn transfer(can_id: CanId, payload: Vec<u8>) -> Transfer {
+    Transfer { id: can_id, transfer_id: TransferId::new(0), payload, frames: 1 }
+}
+
+/// A service transfer of node 120.
+fn service(service_id: u8, request: bool, payload: Vec<u8>) -> Transfer {
+    transfer(
+        CanId::Service { priority: 16, service_id, request, destination: id(125), source: id(120) },
+        payload,
+    )
+}
+
+fn status(mode: Mode) -> Transfer {
+    let payload = NodeStatus { mode, ..NodeStatus::default() }.encode();
+    transfer(CanId::Message { priority: 20, type_id: 341, source: id(120) }, payload)
+}
+
+fn read(session: &mut Session, offset: u16) -> Vec<u8> {
+    read_at(session, offset, 2.0)
+}
+
+fn read_at(session: &mut Session, offset: u16, now: f32) -> Vec<u8> {
+    let [low, high] = offset.to_le_bytes();
+    let request = [&[low, high, 0, 0, 0][..], b"fw.bin"].concat();
+    session.take(&service(48, true, request), seconds(now), &Heard::default()).unwrap()
+}
+
+fn begin(session: &mut Session, number: u8, text: &[u8]) {
+    assert!(matches!(session.poll(Duration::ZERO), Some(Action::Request(Message::BeginUpdate(_)))));
+    let response = NumberAndText { number, text: text.to_vec() }.encode();
+    assert_eq!(session.take(&service(40, false, response), seconds(0.1), &Heard::default()), None);
+}
+
+#[track_caller]
+fn failed(session: &mut Session, now: f32, text: &str) {
+    match session.poll(seconds(now)) {
+        Some(Action::End(Outcome::Failed(why))) => assert!(why.contains(text), "{why}"),
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_node_that_reads_the_file_and_runs_it_is_updated() {
+    let file = file_of(600);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_OK, b"");
+    session.take(&status(Mode::Operational), seconds(0.2), &Heard::default());
+    let answers: Vec<_> = [0, 256, 512].map(|offset| read(&mut session, offset)).to_vec();
+    assert_eq!(answers.iter().map(Vec::len).collect::<Vec<_>>(), [258, 258, 90]);
+    assert_eq!(
+        answers.iter().flat_map(|answer| &answer[2..]).copied().collect::<Vec<_>>(),
+        file.bytes
+    );
+    assert_eq!((session.sent(), session.stage()), (600, "restarting"));
+    read(&mut session, 0);
+    session.take(&status(Mode::SoftwareUpdate), seconds(2.5), &Heard::default());
+    assert_eq!(session.poll(seconds(2.6)), None);
+    session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
+    assert_eq!(session.poll(seconds(3.0)), Some(Action::Request(Message::NodeInfoRequest)));
+    let info: NodeInfo = NodeInfo { software: (1, 3), ..NodeInfo::default() };
+    session.take(&service(1, false, info.encode()), seconds(3.5), &Heard::default());
+    let text = "runs version 1.3, before 1.2; 3.5 s".to_owned();
+    assert_eq!(session.poll(seconds(3.5)), Some(Action::End(Outcome::Updated(text))));
+}
+
+#[test]
+fn a_node_s_reason_for_a_rejection_is_reported() {
+    let file = file_of(600);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_INVALID_MODE, b"armed, or a command in the last 2 s");
+    failed(&mut session, 0.1, "refuses: armed, or a command");
+}
+
+#[test]
+fn a_rejection_without_a_reason_says_what_to_do() {
+    let file = file_of(600);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_INVALID_MODE, b"");
+    failed(&mut session, 0.1, "refuses: its program takes no update over the bus. Upload one");
+}
+
+/// A program of another protocol, such as the thesis's, does not answer.
+#[test]
+fn a_node_that_is_silent_after_all_of_the_file_is_not_said_to_have_stopped_reading() {
+    let file = file_of(200);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_OK, b"");
+    read(&mut session, 0);
+    failed(&mut session, 50.0, "has read all of the file and is silent since");
+}
+
+#[test]
+fn a_silent_node_gets_five_requests() {
+    let file = file_of(600);
+    let mut session = session(&file);
+    let asked = (0..50).filter(|n| session.poll(seconds(0.1 * *n as f32)).is_some()).count();
+    assert_eq!(asked, 5);
+    failed(&mut session, 5.1, "does not answer BeginFirmwareUpdate");
+}
+
+#[test]
+fn a_lost_response_does_not_matter_if_the_node_reads() {
+    let file = file_of(600);
+    let mut session = session(&file);
+    assert!(session.poll(Duration::ZERO).is_some());
+    read(&mut session, 0);
+    assert_eq!((session.poll(seconds(3.0)), session.stage()), (None, "reading"));
+}
+
+/// Gives the response of GetNodeInfo: of this version and CRC, in this mode.
+fn tell(session: &mut Session, now: f32, mode: Mode, software: (u8, u8), crc: Option<u64>) {
+    assert_eq!(session.poll(seconds(now)), Some(Action::Request(Message::NodeInfoRequest)));
+    let status = NodeStatus { mode, ..NodeStatus::default() };
+    let info: NodeInfo = NodeInfo { status, software, image_crc: crc, ..NodeInfo::default() };
+    session.take(&service(1, false, info.encode()), seconds(now), &Heard::default());
+}
+
+#[test]
+fn a_node_in_its_bootloader_or_old_program_counts_as_not_updated() {
+    let file = file_of(600);
+    for (mode, version, text) in [
+        (Mode::Maintenance, (0, 0), "waits in its bootloader: it has not read all"),
+        (Mode::Operational, (1, 2), "runs version 1.2, which is not the file"),
+    ] {
+        let mut session = session(&file);
+        begin(&mut session, ERROR_OK, b"");
+        read(&mut session, 0);
+        session.take(&status(mode), seconds(3.0), &Heard::default());
+        session.take(&status(mode), seconds(4.0), &Heard::default());
+        tell(&mut session, 4.0, mode, version, None);
+        failed(&mut session, 4.0, text);
+    }
+}
+
+#[test]
+fn one_status_of_a_waiting_bootloader_before_the_restart_is_no_failure() {
+    let file = file_with_crc(300, 0x1234);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_OK, b"");
+    for offset in [0, 256, 0] {
+        read(&mut session, offset);
+    }
+    session.take(&status(Mode::Maintenance), seconds(2.1), &Heard::default());
+    assert_eq!(session.poll(seconds(2.1)), None);
+    session.take(&status(Mode::Operational), seconds(2.5), &Heard::default());
+    tell(&mut session, 2.5, Mode::Operational, (1, 3), Some(0x1234));
+    assert!(matches!(session.poll(seconds(2.6)), Some(Action::End(Outcome::Updated(_)))));
+}
+
+#[test]
+fn a_bootloader_that_does_not_start_the_new_program_is_not_called_updated() {
+    let file = file_with_crc(300, 0x1234);
+    for (version, crc, text) in [
+        ((1, 3), Some(0x1234), "its bootloader does not start it"),
+        ((0, 0), None, "what it read is not a valid program"),
+    ] {
+        let mut session = session(&file);
+        begin(&mut session, ERROR_OK, b"");
+        for offset in [0, 256, 0] {
+            read(&mut session, offset);
+        }
+        for now in [3.0, 4.0] {
+            session.take(&status(Mode::Maintenance), seconds(now), &Heard::default());
+        }
+        tell(&mut session, 4.0, Mode::Maintenance, version, crc);
+        failed(&mut session, 4.0, text);
+    }
+}
+
+/// The program before this one was stopped, and its node ID is taken over.
+#[test]
+fn an_update_that_was_broken_off_continues_and_the_node_s_crc_decides() {
+    let file = file_with_crc(600, 0x1234);
+    for (crc, is_updated) in [(0x1234, true), (1, false)] {
+        let mut session = session(&file);
+        begin(&mut session, ERROR_IN_PROGRESS, b"");
+        read(&mut session, 512);
+        assert_eq!((session.sent(), session.stage()), (600, "restarting"));
+        read(&mut session, 0);
+        session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
+        tell(&mut session, 3.0, Mode::Operational, (1, 3), Some(crc));
+        let next = session.poll(seconds(3.1));
+        if is_updated {
+            assert!(matches!(next, Some(Action::End(Outcome::Updated(_)))), "{next:?}");
+        } else {
+            assert!(matches!(next, Some(Action::Request(Message::BeginUpdate(_)))), "{next:?}");
+        }
+    }
+}
+
+/// The parts of two files are no program: the bootloader waits, and the update begins again.
+#[test]
+fn a_continued_update_that_gives_no_program_begins_again() {
+    let file = file_with_crc(600, 0x1234);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_IN_PROGRESS, b"");
+    for offset in [512, 0] {
+        read(&mut session, offset);
+    }
+    for now in [3.0, 4.0] {
+        session.take(&status(Mode::Maintenance), seconds(now), &Heard::default());
+    }
+    tell(&mut session, 4.0, Mode::Maintenance, (0, 0), None);
+    let next = session.poll(seconds(4.1));
+    assert!(matches!(next, Some(Action::Request(Message::BeginUpdate(_)))), "{next:?}");
+    assert_eq!(session.sent(), 0);
+}
+
+#[test]
+fn a_node_that_reads_from_another_node_is_in_another_update_if_that_is_on_the_bus() {
+    let file = file_of(600);
+    let to_126 = CanId::Service {
+        priority: 16,
+        service_id: 48,
+        request: true,
+        destination: id(126),
+        source: id(120),
+    };
+    let request = transfer(to_126, [&[0; 5][..], b"fw.bin"].concat());
+    let mut heard = Heard::default();
+    heard.note(id(126), seconds(0.5));
+    for (now, is_there) in [(1.0, true), (3.0, false)] {
+        let mut session = session(&file);
+        begin(&mut session, ERROR_IN_PROGRESS, b"");
+        assert_eq!(session.take(&request, seconds(now), &heard), None);
+        if is_there {
+            failed(&mut session, now, "another update is under way: node 126 sends a file");
+        } else {
+            assert_eq!(session.poll(seconds(now)), None);
+            assert!(session.stage().contains("gives up"), "{}", session.stage());
+        }
+    }
+}
+
+#[test]
+fn an_update_of_a_silent_node_fails_after_the_bootloader_s_timeout() {
+    let file = file_of(600);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_IN_PROGRESS, b"");
+    read(&mut session, 0);
+    session.take(&status(Mode::SoftwareUpdate), seconds(10.0), &Heard::default());
+    assert_eq!(session.poll(seconds(54.0)), None);
+    failed(&mut session, 56.0, "silent");
+}
+
+#[test]
+fn a_node_that_reads_the_same_part_for_ever_fails() {
+    let file = file_of(600);
+    for parts in [1, 3] {
+        let mut session = session(&file);
+        begin(&mut session, ERROR_OK, b"");
+        for part in 0..parts {
+            read(&mut session, part * 256);
+        }
+        if parts == 3 {
+            read(&mut session, 0);
+        }
+        for second in 3..62 {
+            read_at(&mut session, 0, second as f32);
+            assert_eq!(session.poll(seconds(second as f32)), None);
+        }
+        let text = if parts == 3 { "does not start it" } else { "again and again" };
+        failed(&mut session, 62.1, text);
+    }
+}
+
+#[test]
+fn a_node_that_runs_another_image_of_the_same_version_is_not_updated() {
+    let file = file_with_crc(300, 0x1234);
+    for (image_crc, is_updated) in [(Some(0x1234), true), (Some(1), false), (None, false)] {
+        let mut session = session(&file);
+        begin(&mut session, ERROR_OK, b"");
+        for offset in [0, 256, 0] {
+            read(&mut session, offset);
+        }
+        session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
+        let info: NodeInfo = NodeInfo { software: (1, 3), image_crc, ..NodeInfo::default() };
+        session.take(&service(1, false, info.encode()), seconds(3.1), &Heard::default());
+        if is_updated {
+            let end = session.poll(seconds(3.2));
+            assert!(matches!(end, Some(Action::End(Outcome::Updated(_)))), "{end:?}");
+        } else {
+            failed(&mut session, 3.2, "runs another program of version 1.3");
+        }
+    }
+}
+
+#[test]
+fn an_update_to_another_version_fails() {
+    let file = file_of(300);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_OK, b"");
+    for offset in [0, 256, 0] {
+        read(&mut session, offset);
+    }
+    session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
+    session.take(
+        &service(1, false, NodeInfo::<NodeStatus>::default().encode()),
+        seconds(3.1),
+        &Heard::default(),
+    );
+    failed(&mut session, 3.2, "runs version 0.0, and the file has 1.3");
+}
+
+#[test]
+fn requests_of_other_nodes_or_for_other_files_are_not_answered() {
+    let file = file_of(300);
+    let mut session = session(&file);
+    begin(&mut session, ERROR_OK, b"");
+    let request = [&[0; 5][..], b"other.bin"].concat();
+    assert_eq!(
+        session.take(&service(48, true, request), seconds(1.0), &Heard::default()),
+        Some(vec![2, 0])
+    );
+    let other = CanId::Service {
+        priority: 16,
+        service_id: 48,
+        request: true,
+        destination: id(125),
+        source: id(121),
+    };
+    assert_eq!(
+        session.take(
+            &transfer(other, [&[0; 5][..], b"fw.bin"].concat()),
+            seconds(1.0),
+            &Heard::default()
+        ),
+        None
+    );
+    assert_eq!(session.sent(), 0);
+}
