@@ -187,7 +187,7 @@ third-party: setup-build
 	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do cargo build $$options -p third-party; \
 		cargo build $$options -p third-party --features wrong-rxb1 --bin third-party-mcp25xx-wrong-rxb1; done
 # All are in each call: so cargo builds the simulator with one set of features, once.
-TESTED := $(addprefix -p ,avr-bounds boards boot bridge fuzz-harness mcp2515-ordered dronecan-wire \
+TESTED := $(addprefix -p ,avr-bounds boot bridge fuzz-harness mcp2515-ordered dronecan-wire \
 	dronecan-host can-frame own-node sim-base can-model mcp2515-model node-tools \
 	avr-core avr-model bench sim tests)
 test-programs: setup-simavr

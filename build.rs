@@ -2,8 +2,12 @@
 //!
 //! The board is the one that NODE_BOARD and NODE_SHIELD name in avr-specs/boards.toml, or the
 //! table's default. NODE_CS, NODE_INT and NODE_CRYSTAL_MHZ replace the wiring of the CAN board.
-//! scripts/firmware sets them. crates/boards reads the table, and `src/hardware.rs` what this
+//! scripts/firmware sets them. avr-specs/boards.rs reads the table, and `src/hardware.rs` what this
 //! program says. The limits are those of the chip in avr-specs/budget.toml.
+
+#[path = "avr-specs/boards.rs"]
+#[allow(dead_code)] // The bench uses the rest.
+mod boards;
 
 use std::process::Command;
 

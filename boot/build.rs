@@ -2,6 +2,10 @@
 //! (avr-specs/budget.toml); and the program the baud rate of uploads (avr-specs/boards.toml). The
 //! board's wiring comes from the node's library.
 
+#[path = "../avr-specs/boards.rs"]
+#[allow(dead_code)] // The bench uses the rest.
+mod boards;
+
 use boards::Choice;
 use toml::Table;
 

@@ -1,6 +1,6 @@
 """The table of boards, avr-specs/boards.toml, and the choice of a board that the scripts get as
-options. crates/boards does the same for programs in Rust. Its tests compare what both derive from
-the table, for every choice.
+options. avr-specs/boards.rs does the same for programs in Rust. A test compares what both derive
+from the table, for every choice.
 """
 
 import argparse

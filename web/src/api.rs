@@ -5,6 +5,7 @@ use std::time::Duration;
 
 use anyhow::{Error, Result as AnyResult, bail};
 use bench::avr::{Avr, Chip, Firmware, ResetCause};
+use bench::boards;
 use bench::bus_log::Format;
 use bench::corner::Corner;
 use bench::dronecan::{NodeId, Opcode, Value};

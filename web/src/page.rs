@@ -8,6 +8,7 @@ use std::collections::VecDeque;
 use anyhow::{Context, Result, anyhow, ensure};
 use bench::autopilot::{Moves, Profile, Settings};
 use bench::avr::{Avr, Firmware, ResetCause, State};
+use bench::boards;
 use bench::bus_log::{BusLog, Format};
 use bench::can::{BusStats, Record, RecordKind};
 use bench::dronecan::{

@@ -5,7 +5,7 @@
 
 use anyhow::{Context, Result, bail, ensure};
 use bench::avr::{Chip, Firmware};
-use boards::{Choice, OWN_WIRING};
+use bench::boards::{self, Choice, OWN_WIRING};
 use dronecan_wire::crc;
 
 use crate::stk500::capacity;

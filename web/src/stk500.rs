@@ -22,6 +22,7 @@ use std::collections::BTreeSet;
 use std::fmt;
 
 use bench::avr::Chip;
+use bench::boards;
 
 /// Bytes of a page of the flash of both chips.
 pub const PAGE: usize = 128;

@@ -129,7 +129,7 @@ pub fn firmware_for(board: &str, shield: &str, features: &str) -> Result<PathBuf
 /// If there is none; the message says how to build it.
 pub fn firmware_like(wiring: &Wiring) -> Result<PathBuf> {
     let Wiring { board, shield, chip, .. } = wiring;
-    let likes = boards::names("boards").filter_map(|name| Wiring::of(name, shield).ok());
+    let likes = crate::boards::names("boards").filter_map(|name| Wiring::of(name, shield).ok());
     let built = likes.filter(|like| like.chip == *chip).map(|like| built(&like, &preset(*chip)));
     let own = firmware_for(board, shield, &preset(*chip));
     own.or_else(|missing| built.into_iter().find(|path| path.exists()).ok_or(missing))

@@ -10,6 +10,9 @@ mod bench;
 
 pub mod autopilot;
 pub mod board;
+/// The table of boards, which the build scripts of the firmware read, too.
+#[path = "../../../avr-specs/boards.rs"]
+pub mod boards;
 pub mod budget;
 pub mod bus_log;
 pub mod corner;

@@ -5,9 +5,10 @@
 //! names of boards and CAN boards.
 
 use crate::avr::{Chip, Firmware, Oc, value_of};
+use crate::boards;
+pub use crate::boards::BIT_RATES;
 use crate::dronecan::text::visible;
 use anyhow::{Context, Result, bail, ensure};
-pub use boards::BIT_RATES;
 use std::fmt;
 use std::str::FromStr;
 use toml::Value;

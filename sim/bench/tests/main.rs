@@ -12,6 +12,7 @@ mod avr_timers;
 mod avr_twi;
 mod avr_unmodelled;
 mod bit_timing;
+mod boards;
 mod opcodes;
 mod own_node;
 mod own_node_uno;

@@ -1,6 +1,6 @@
-//! The scripts derive from the table what this crate derives.
+//! The scripts derive from the table what `avr-specs/boards.rs` derives.
 
-use boards::{Choice, fastest_bit_rate, names};
+use bench::boards::{self, Choice, fastest_bit_rate, names};
 use std::process::Command;
 
 /// Prints a line for each board, each CAN board and each wiring that the scripts accept, with what

@@ -1,6 +1,6 @@
 //! The table of boards, `avr-specs/boards.toml`, and the pins that follow from the choice of a
-//! board and a CAN board. The build scripts of the firmware and of the bootloader use it, and the
-//! simulator's bench. `scripts/boards.py` is compared with it by a test.
+//! board and a CAN board. The build scripts of the firmware and of the bootloader have this module,
+//! and the simulator's bench. `scripts/boards.py` is compared with it by a test.
 //!
 //! Pins have the names of the Arduino: "D10", "A0". The table is compiled in, so no file is read.
 //! A table that has a mistake panics with a text that names the place: whoever changed it sees it
@@ -9,7 +9,7 @@
 use std::sync::LazyLock;
 use toml::{Table, Value};
 
-const TEXT: &str = include_str!("../../../avr-specs/boards.toml");
+const TEXT: &str = include_str!("boards.toml");
 
 /// Minor hardware version of wiring that no entry of the table has.
 pub const OWN_WIRING: u8 = 255;
