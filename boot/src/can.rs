@@ -7,6 +7,7 @@
 
 use firmware::hardware::{CAN_SELECT, Pin};
 
+use crate::layout::Frame;
 use crate::registers::*;
 use crate::variables::{self, CNF1, CNF2, CNF3, NODE_ID};
 
@@ -72,17 +73,6 @@ const TURNS_FOR_FRAME: u16 = u16::MAX;
 
 /// Not zero if RXB1 had a frame when RXB0 was read.
 const IS_RXB1_NEXT: Register = idle::EEDR;
-
-/// A frame as the chip has it.
-#[repr(C)]
-pub struct Frame {
-    /// SIDH, SIDL, EID8 and EID0.
-    pub id: [u8; 4],
-    /// DLC.
-    pub len: u8,
-    /// The data.
-    pub data: [u8; 8],
-}
 
 /// Sets up the pins and the SPI: mode 0,0 at 8 MHz.
 #[inline(always)]

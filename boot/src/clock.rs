@@ -1,6 +1,11 @@
-//! Seconds, from Timer1.
+//! Seconds, from Timer1, and the watchdog.
 
-use crate::registers::{CS12_CS10, OCF1A, OCR1AH, OCR1AL, TCCR1B, TIFR1, WGM12};
+use core::arch::asm;
+
+use crate::registers::{
+    CS12_CS10, OCF1A, OCR1AH, OCR1AL, TCCR1B, TIFR1, WDCE, WDE, WDP2_WDP1, WGM12,
+};
+use crate::variables::RESTART_COUNT;
 
 /// Each of the two bytes of TOP of Timer1. It counts to that in a second and three milliseconds, at
 /// 16 MHz / 1024: so three of them are three seconds of listening, before which the controller
@@ -25,4 +30,34 @@ pub fn take_second() -> bool {
         TIFR1.set(OCF1A);
     }
     has_passed
+}
+
+/// The time until the watchdog resets the chip.
+#[repr(u8)]
+pub enum Timeout {
+    /// It does not.
+    Never = 0,
+    /// 16 ms, which is enough to send an answer.
+    Soon = WDE,
+    /// A second.
+    Second = WDE | WDP2_WDP1,
+}
+
+/// Sets the watchdog. Its next reset does not count as one of the program.
+#[inline(never)]
+pub fn set_watchdog(timeout: Timeout) {
+    // The reset makes this 0.
+    RESTART_COUNT.write(u8::MAX);
+    // WDE changes only within four cycles after WDCE is set (datasheet 11.8.2).
+    // SAFETY: the block writes only WDTCSR, at 0x60.
+    unsafe {
+        asm!(
+            "wdr",
+            "sts 0x60, {change}",
+            "sts 0x60, {value}",
+            change = in(reg) WDCE | WDE,
+            value = in(reg) timeout as u8,
+            options(nostack, preserves_flags)
+        );
+    }
 }

@@ -9,9 +9,10 @@ use dronecan_wire::{Id, Tail};
 use firmware::handover::CRC_START;
 
 use crate::can::{self, EXIDE, NODE_ID_BITS, SERVICE};
+use crate::clock::Timeout;
+use crate::layout::Information;
 use crate::listen::Next;
-use crate::node_info::{self, Information, MAINTENANCE, MODE};
-use crate::start::Timeout;
+use crate::node_info::{self, MAINTENANCE, MODE};
 use crate::transfer::{self, Outgoing};
 use crate::variables::*;
 use crate::{clock, crc, listen, start, update};
@@ -175,7 +176,7 @@ fn take_frame() -> Option<Outgoing> {
         // SAFETY: the data is longer than the number.
         if unsafe { crc::of(CRC_START, can::data(), 5) } == CRC_OF_MAGIC {
             // On a full bus the response has to wait.
-            start::set_watchdog(Timeout::Second);
+            clock::set_watchdog(Timeout::Second);
             byte = WILL_RESTART;
         }
     } else if is_request

@@ -18,7 +18,7 @@
 //! | `eeprom.rs` | unique ID, node ID and bit rate in EEPROM |
 //! | `transfer.rs` | frames to transfers, transfers to frames |
 //! | `can.rs` | the MCP2515 |
-//! | `variables.rs` | the RAM |
+//! | `layout.rs`, `variables.rs` | the RAM |
 //! | `on_host.rs` | what tests on the host have in place of the chip |
 //! | `spm.rs`, `clock.rs`, `registers.rs`, `crc.rs` | the chip, and the CRC |
 //!
@@ -40,6 +40,9 @@ mod crc;
 mod eeprom;
 #[cfg(target_arch = "avr")]
 mod image;
+#[cfg(any(target_arch = "avr", test))]
+#[cfg_attr(test, allow(dead_code))] // Tests run `transfer.rs`.
+mod layout;
 #[cfg(target_arch = "avr")]
 mod listen;
 #[cfg(target_arch = "avr")]

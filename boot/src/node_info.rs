@@ -4,14 +4,12 @@
 
 use core::arch::asm;
 
-use firmware::handover::{
-    BUS, BUS_LEN, CRC_START, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION, SOFTWARE_VERSION_LEN,
-    UNIQUE_ID,
-};
+use firmware::handover::{BUS_LEN, CRC_START, IMAGE_CRC, IMAGE_CRC_LEN, SOFTWARE_VERSION};
 use firmware::hardware::{CAN_CRYSTAL_HZ, HARDWARE_MAJOR, HARDWARE_MINOR};
 use firmware::tables::bit_rate::HIGHEST_RATE;
 use mcp2515_ordered::BitTiming;
 
+use crate::layout::SOFTWARE_LEN;
 use crate::registers::{Register, idle};
 use crate::variables::{CNF1, CNF2, CNF3, NODE_ID, information};
 use crate::{crc, eeprom};
@@ -26,37 +24,6 @@ const DEFAULT_NODE_ID: u8 = 120;
 
 /// Bit rate without a record in EEPROM: the highest one of the board.
 const DEFAULT_TIMING: BitTiming = BitTiming::new(CAN_CRYSTAL_HZ, 125_000 << HIGHEST_RATE);
-
-/// Length of version and CRC of the program.
-const SOFTWARE_LEN: usize = SOFTWARE_VERSION_LEN + IMAGE_CRC_LEN;
-
-/// Room for the CRC, the payload of GetNodeInfo, and what follows in the EEPROM.
-#[repr(C)]
-pub struct Information {
-    crc: [u8; 2],
-    pub uptime_s: [u8; 4],
-    mode: u8,
-    vendor_status: [u8; 2],
-    /// Version and CRC of the program. Zero if there is no valid one.
-    software: [u8; SOFTWARE_LEN],
-    hardware_version: [u8; 2],
-    /// Here the image of the EEPROM begins.
-    unique_id: [u8; 16],
-    /// In the EEPROM, this and the following bytes are more of the record of the unique ID.
-    certificate_len: u8,
-    rest: [u8; (BUS - UNIQUE_ID) as usize - 17],
-    pub node_id: u8,
-    /// CNF3, CNF2 and CNF1 of the MCP2515: the bit rate.
-    pub cnf: [u8; 3],
-    bus_crc: [u8; 2],
-}
-
-impl Information {
-    /// Length of a NodeStatus.
-    pub const STATUS_LEN: u8 = 7;
-    /// Length of a response of GetNodeInfo without a name.
-    pub const LEN: u8 = 41;
-}
 
 /// Tells the version of the program in flash, and the CRC of its image.
 #[inline(always)]

@@ -5,7 +5,7 @@
 
 use std::cell::{Cell, RefCell, UnsafeCell};
 
-use crate::transfer::RECEIVED_LEN;
+use crate::layout::RECEIVED_LEN;
 
 /// Bytes behind the received transfer.
 const GUARD: usize = 64;

@@ -7,9 +7,9 @@
 
 use core::arch::asm;
 
+use crate::clock::{Timeout, set_watchdog};
 use crate::registers::*;
 use crate::spm::PAGE_LEN;
-use crate::start::{Timeout, set_watchdog};
 use crate::variables::{OFFSET, received, received_byte, received_word};
 use crate::{image, spm};
 

@@ -8,9 +8,10 @@ use core::arch::{asm, global_asm};
 use firmware::handover::{CRC_START, REQUEST_LEN};
 use firmware::tables::condition::ResetCause;
 
+use crate::clock::{Timeout, set_watchdog};
 use crate::node_info;
 use crate::registers::idle::GPIOR0;
-use crate::registers::{EXTRF, MCUSR, WDCE, WDE, WDP2_WDP1, WDRF};
+use crate::registers::{EXTRF, MCUSR, WDRF};
 use crate::variables::{ADDRESS, ADDRESS_IN_Y, REQUEST_END, RESTART_COUNT, request};
 use crate::{crc, image, serial};
 
@@ -93,34 +94,4 @@ pub fn decide() -> bool {
 pub fn restart() -> ! {
     set_watchdog(Timeout::Soon);
     loop {}
-}
-
-/// The time until the watchdog resets the chip.
-#[repr(u8)]
-pub enum Timeout {
-    /// It does not.
-    Never = 0,
-    /// 16 ms, which is enough to send an answer.
-    Soon = WDE,
-    /// A second.
-    Second = WDE | WDP2_WDP1,
-}
-
-/// Sets the watchdog. Its next reset does not count as one of the program.
-#[inline(never)]
-pub fn set_watchdog(timeout: Timeout) {
-    // The reset makes this 0.
-    RESTART_COUNT.write(u8::MAX);
-    // WDE changes only within four cycles after WDCE is set (datasheet 11.8.2).
-    // SAFETY: the block writes only WDTCSR, at 0x60.
-    unsafe {
-        asm!(
-            "wdr",
-            "sts 0x60, {change}",
-            "sts 0x60, {value}",
-            change = in(reg) WDCE | WDE,
-            value = in(reg) timeout as u8,
-            options(nostack, preserves_flags)
-        );
-    }
 }

@@ -5,14 +5,10 @@
 
 use dronecan_wire::Tail;
 
+use crate::layout::{BYTES_PER_FRAME, CRC_LEN, RECEIVED_LEN};
 use crate::registers::{Register, idle};
 use crate::variables::{RECEIVED_END, received, received_word};
 use crate::{can, crc};
-
-/// Bytes of a transfer in a frame, before the tail.
-const BYTES_PER_FRAME: u8 = 7;
-/// Bytes of the CRC of a transfer of several frames.
-pub const CRC_LEN: u16 = 2;
 
 /// A transfer to send.
 pub struct Outgoing {
@@ -82,10 +78,6 @@ pub unsafe fn send(outgoing: Outgoing) {
         tail = tail & !Tail::START ^ Tail::TOGGLE;
     }
 }
-
-/// Room in the buffer of received transfers: an answer to file.Read with 256 bytes of data, and the
-/// rest of a frame that is too much.
-pub const RECEIVED_LEN: usize = CRC_LEN as usize + 2 + 256 + BYTES_PER_FRAME as usize;
 
 /// Toggle bit and transfer ID of the next frame of the transfer that is being received. [`NOTHING`]
 /// if a first frame must come.

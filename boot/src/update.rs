@@ -10,13 +10,13 @@
 //! program, or waits if there is none.
 
 use dronecan_wire::Tail;
-use firmware::handover::{HEADER, HEADER_LENGTH, PATH_LEN, REQUEST_LEN};
+use firmware::handover::{HEADER, HEADER_LENGTH, PATH_LEN};
 
 use crate::can::NODE_ID_BITS;
+use crate::layout::CRC_LEN;
 use crate::node_info::{MODE, SOFTWARE_UPDATE};
 use crate::registers::{Register, idle};
 use crate::spm::PAGE_LEN;
-use crate::transfer::CRC_LEN;
 use crate::variables::*;
 use crate::{image, spm, start};
 
@@ -35,19 +35,6 @@ const DATA: usize = PAYLOAD + 2;
 
 /// Length of the payload of an answer before the end of the file.
 const ANSWER_LEN: u16 = 2 + 256;
-
-/// A request of file.Read, with room for the CRC before it, and the rest of the request for the
-/// update.
-#[repr(C)]
-pub struct Update {
-    /// Length of the program. Set with the first answer.
-    pub length: u16,
-    pub crc: [u8; 2],
-    pub offset: [u8; 5],
-    /// What a program hands over: path, length of the path, node ID of the server, CRC (see
-    /// [`firmware::handover`]).
-    pub request: [u8; REQUEST_LEN],
-}
 
 /// True from the request until the restart.
 #[inline(always)]

@@ -13,10 +13,7 @@ use core::mem::{MaybeUninit, offset_of};
 
 use firmware::handover::{PATH_LEN, REQUEST, RESTARTS, SHARED_RAM};
 
-use crate::can::Frame;
-use crate::node_info::Information;
-use crate::transfer::RECEIVED_LEN;
-use crate::update::Update;
+use crate::layout::{Frame, Information, RECEIVED_LEN, Update};
 
 #[repr(C)]
 struct Variables {

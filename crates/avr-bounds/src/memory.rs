@@ -3,13 +3,43 @@
 use anyhow::{Result, bail};
 
 use crate::chip::{RAM_START, register};
-use crate::enables::Enables;
+use crate::enables::{ENABLE_BITS, Enables};
 use crate::opcode::{FLAG_I, Mode, Op, Pointer};
 use crate::program::Program;
 use crate::state::{ALL_FLAGS, Interrupts, KnownBits, State};
-use crate::step::{self, Written, sp_half, stack_offset};
-use crate::value::{Half, SREG_DISABLED, SREG_EITHER, SREG_ENABLED, SREG_KEPT, Value};
+use crate::value::{
+    ENTRY_SP, Half, SREG_DISABLED, SREG_EITHER, SREG_ENABLED, SREG_KEPT, Value, pair,
+};
 use crate::wide;
+
+/// What an instruction writes, besides the registers and the stack of the function.
+#[derive(Debug, Clone, Default)]
+pub struct Written {
+    /// An index of the enable registers, and their bits that it may set.
+    pub sets: Option<(usize, u8)>,
+    /// An address in the RAM.
+    pub ram: Option<u16>,
+    /// True if the address is not known.
+    pub is_anywhere: bool,
+    /// A byte above the stack of the function: its offset from SP at the entry.
+    pub above: Option<u16>,
+    /// True for SPDR.
+    pub is_spdr: bool,
+    /// Cycles for which the core halts then.
+    pub halt: u32,
+}
+
+/// The EEPROM's control register.
+const EECR: u16 = 0x3F;
+/// Cycles for which the core halts behind an instruction that sets EERE (ATmega48/88/168 datasheet
+/// 2545, 8.4.1).
+const HALT_OF_READ: u32 = 4;
+/// The same of EEPE.
+const HALT_OF_WRITE: u32 = 2;
+
+/// Replaces the cycles since a write of SPDR during the instruction that writes it: the time counts
+/// from its end.
+pub const JUST_WRITTEN: u8 = u8::MAX;
 
 /// Does a load or a store.
 ///
@@ -24,7 +54,7 @@ pub fn access(
 ) -> Result<()> {
     match op {
         Op::Lds(d, address) => read_register(state, d, address),
-        Op::Sts(address, r) => step::write(program, state, address, r, written)?,
+        Op::Sts(address, r) => write(program, state, address, r, written)?,
         Op::Load(d, pointer, mode) => {
             let displacement = before(state, pointer, mode, at);
             load(state, d, pointer, displacement);
@@ -100,13 +130,13 @@ fn store(
         if address >= RAM_START {
             state.forget_locals();
         }
-        return step::write(program, state, address, r, written);
+        return write(program, state, address, r, written);
     }
     let Some(offset) = stack_offset(low, high) else {
         let (from, to) = wide::range(&[low, high]);
         let (from, to) = (from + u32::from(displacement), to + u32::from(displacement));
         if to < RAM_START.into() {
-            let is_followed = |address: u32| step::is_followed(address as u16);
+            let is_followed = |address: u32| is_followed(address as u16);
             if (from..=to).all(is_followed) {
                 bail!(
                     "a store to one of the registers from {from:#x} to {to:#x}, which enable \
@@ -196,4 +226,110 @@ fn constant(program: &Program, state: &State) -> Value {
         joined = Some(joined.map_or(value, |known| known.join(value)));
     }
     joined.unwrap_or(Value::ANY)
+}
+
+/// Sets or clears a bit of an I/O register.
+pub fn write_bit(state: &mut State, io: u8, bit: u8, is_set: bool, written: &mut Written) {
+    let register = u16::from(io) + 0x20;
+    let was_set = state.enables.get(register, bit) == Some(true);
+    state.enables.set(register, bit, is_set);
+    if let Some(index) = Enables::index(register) {
+        state.kept[index] &= !(1 << bit);
+        if is_set && !was_set {
+            written.sets = Some((index, 1 << bit & ENABLE_BITS[index]));
+        }
+    }
+    if register == EECR && is_set {
+        written.halt = match bit {
+            0 => HALT_OF_READ,
+            1 => HALT_OF_WRITE,
+            _ => 0,
+        };
+    }
+}
+
+/// Writes a register in the data space that the analysis follows, or another.
+///
+/// # Errors
+/// If the analysis cannot follow what that does.
+pub fn write(
+    program: &Program,
+    state: &mut State,
+    register: u16,
+    r: u8,
+    written: &mut Written,
+) -> Result<()> {
+    let value = state.get(r);
+    match register {
+        // A register of the core.
+        0..0x20 => {
+            let bits = state.bits[usize::from(r)];
+            state.set(register as u8, value);
+            state.bits[usize::from(register)] = bits;
+        }
+        register::SPL | register::SPH => {
+            let may_be_absolute =
+                state.is_start && (state.stack.is_empty() || state.base.is_some());
+            state.write_sp(register == register::SPH, value, may_be_absolute)?;
+            if let Some(base) = state.base
+                && base > program.chip.ram_end()
+                && state.half_sp.is_none()
+            {
+                bail!("SP is set to {base:#x}, behind the RAM");
+            }
+        }
+        register::SREG => write_sreg(state, value),
+        register::SPDR => {
+            state.since_spdr = JUST_WRITTEN;
+            written.is_spdr = true;
+        }
+        register::MCUCR => {
+            let KnownBits { zeros, same, of, .. } = state.bits[usize::from(r)];
+            let same = if of == register::MCUCR { same } else { 0 };
+            if (zeros | same) & IVSEL == 0 {
+                bail!("may set IVSEL in MCUCR: the table of vectors is elsewhere then");
+            }
+        }
+        RAM_START.. => written.ram = Some(register),
+        _ => {
+            let KnownBits { zeros, ones, same, of } = state.bits[usize::from(r)];
+            if register == EECR {
+                written.halt = HALT_OF_READ;
+            }
+            let Some(index) = Enables::index(register) else { return Ok(()) };
+            let same = if of == register { same } else { 0 };
+            let may_set = ENABLE_BITS[index] & !zeros & !same & !state.enables.ones[index];
+            written.sets = Some((index, may_set));
+            state.enables.write(register, zeros, ones);
+            state.kept[index] = same;
+        }
+    }
+    Ok(())
+}
+
+/// True for a register in the data space that the analysis follows.
+pub fn is_followed(register: u16) -> bool {
+    use register::{MCUCR, SPDR, SPH, SPL, SREG};
+    matches!(register, 0..0x20 | EECR | MCUCR | SPDR | SPH | SPL | SREG)
+        || Enables::index(register).is_some()
+}
+
+/// The bit of MCUCR that moves the table of vectors to the boot section.
+const IVSEL: u8 = 1 << 1;
+
+/// The stack pointer plus an offset that a pair of registers holds.
+pub fn stack_offset(low: Value, high: Value) -> Option<u16> {
+    match pair(low, high) {
+        Some((ENTRY_SP, offset)) => Some(offset),
+        _ => None,
+    }
+}
+
+/// SP, as IN reads a half of it.
+pub fn sp_half(state: &State, is_high: bool) -> Value {
+    if state.half_sp.is_some() {
+        return Value::ANY;
+    }
+    let offset = (state.height() as u16).wrapping_neg();
+    Value::symbol(if is_high { Half::high(ENTRY_SP, offset) } else { Half::low(ENTRY_SP, offset) })
 }

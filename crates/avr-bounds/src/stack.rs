@@ -14,14 +14,14 @@ use anyhow::{Context as _, Result, bail};
 
 use crate::annotations::Annotations;
 use crate::interference::Interference;
+use crate::memory::Written;
 use crate::opcode::Op;
 use crate::program::Program;
 use crate::state::State;
-use crate::step::{Flow, Written, is_table_jump, step};
-use crate::summary::{Entry, Exit, Kind, Summary};
+use crate::step::{Flow, is_table_jump, step};
+use crate::summary::{Entry, Exit, Kind, Summary, Vector, reset};
 use crate::value::Value;
 use crate::virtuals;
-use crate::whole::{Vector, reset};
 
 /// Joins before which ranges grow as far as they go.
 const JOINS_BEFORE_WIDENING: u32 = 6;

@@ -2,8 +2,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use crate::chip::INTERRUPTS;
+use crate::memory::Written;
+use crate::program::Program;
 use crate::state::{ENABLE_REGISTERS, Enables, Interrupts, State, entry_half};
-use crate::step::Written;
 use crate::value::Value;
 
 /// A function, and how it is entered.
@@ -246,4 +248,48 @@ impl Exit {
         state.since_spdr = 0;
         state.forget_locals();
     }
+}
+
+/// A vector of an interrupt that can happen.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Vector {
+    /// The interrupt, an index of [`INTERRUPTS`].
+    pub interrupt: usize,
+    /// Where the vector jumps to, or the vector itself if it contains other code than a jump.
+    pub address: u32,
+    /// Cycles from the beginning of the response to the first instruction there: four that push the
+    /// program counter, and the jump.
+    pub cycles: u32,
+    /// True if the vector leads to the start of the program.
+    pub restarts: bool,
+}
+
+impl Vector {
+    /// How its handler begins.
+    pub fn entry(&self) -> Entry {
+        handler(self.address, self.interrupt)
+    }
+
+    /// The interrupt's name in the datasheet.
+    pub fn name(&self) -> &'static str {
+        INTERRUPTS[self.interrupt].name
+    }
+}
+
+/// How the program begins after a reset: interrupts and all their enable bits are 0.
+pub fn reset(program: &Program) -> Entry {
+    Entry {
+        address: program.entry,
+        kind: Kind::Reset,
+        interrupts: Interrupts::Disabled,
+        enables: Enables::default(),
+    }
+}
+
+/// How a handler begins: its own interrupt is enabled, and interrupts are disabled.
+pub fn handler(address: u32, interrupt: usize) -> Entry {
+    let mut enables = Enables::default();
+    let (register, bit) = INTERRUPTS[interrupt].enable;
+    enables.set(register, bit, true);
+    Entry { address, kind: Kind::Handler, interrupts: Interrupts::Disabled, enables }
 }

@@ -19,7 +19,7 @@ use crate::opcode::Op;
 use crate::program::{Address, Program};
 use crate::stack::Analysis;
 use crate::state::{ENABLE_REGISTERS, Enables, Interrupts};
-use crate::summary::{Depth, Entry, Kind, Summary};
+use crate::summary::{Depth, Summary, Vector, handler};
 
 /// Bytes that an interrupt or a call pushes.
 const RETURN_ADDRESS: u32 = 2;
@@ -31,32 +31,6 @@ pub struct Frame {
     pub function: String,
     /// Bytes.
     pub bytes: u32,
-}
-
-/// A vector of an interrupt that can happen.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Vector {
-    /// The interrupt, an index of [`INTERRUPTS`].
-    pub interrupt: usize,
-    /// Where the vector jumps to, or the vector itself if it contains other code than a jump.
-    pub address: u32,
-    /// Cycles from the beginning of the response to the first instruction there: four that push the
-    /// program counter, and the jump.
-    pub cycles: u32,
-    /// True if the vector leads to the start of the program.
-    pub restarts: bool,
-}
-
-impl Vector {
-    /// How its handler begins.
-    pub fn entry(&self) -> Entry {
-        handler(self.address, self.interrupt)
-    }
-
-    /// The interrupt's name in the datasheet.
-    pub fn name(&self) -> &'static str {
-        INTERRUPTS[self.interrupt].name
-    }
 }
 
 /// A handler.
@@ -197,24 +171,6 @@ fn check_stores(analysis: &Analysis<'_>, base: u16, bytes: u32) -> Result<()> {
         "{}: a store to {address:#x}, where the stack can be: from {lowest:#x} to {base:#x}",
         analysis.program.place(*at)
     )
-}
-
-/// How the program begins after a reset: interrupts and all their enable bits are 0.
-pub fn reset(program: &Program) -> Entry {
-    Entry {
-        address: program.entry,
-        kind: Kind::Reset,
-        interrupts: Interrupts::Disabled,
-        enables: Enables::default(),
-    }
-}
-
-/// How a handler begins: its own interrupt is enabled, and interrupts are disabled.
-pub fn handler(address: u32, interrupt: usize) -> Entry {
-    let mut enables = Enables::default();
-    let (register, bit) = INTERRUPTS[interrupt].enable;
-    enables.set(register, bit, true);
-    Entry { address, kind: Kind::Handler, interrupts: Interrupts::Disabled, enables }
 }
 
 /// The vectors that count. One with a jump to a handler counts always. One that leads to the start,

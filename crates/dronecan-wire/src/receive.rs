@@ -35,8 +35,8 @@ mod transfer;
 
 use lanes::Lanes;
 pub use policy::{CompleteFirst, Policy};
-pub use segment::{Rejection, Segment, Verdict};
-pub use transfer::{Slot, Transfer};
+pub use segment::{Rejection, Segment};
+pub use transfer::{Slot, Transfer, Verdict};
 
 use crate::length::Length;
 

@@ -13,7 +13,6 @@ use crate::registers::*;
 use crate::rx_order::{Buffer, RxOrder};
 use crate::shared::Shared;
 use crate::tx_order::{Rank, TxOrder};
-use crate::with_clock::WithClock;
 
 /// Time between two supervisions of a running chip, in milliseconds.
 pub const SUPERVISION_MS: u8 = 10;
@@ -280,12 +279,6 @@ impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
     /// The INT pin, for example to wait until it is low.
     pub fn int(&mut self) -> &mut INT {
         &mut self.int
-    }
-
-    /// Adds a clock, for the traits of [`embedded_can`]. `now_ms` returns the time in milliseconds,
-    /// which wraps around.
-    pub const fn with_clock<T: FnMut() -> u16>(self, now_ms: T) -> WithClock<C, INT, A, T> {
-        WithClock::new(self, now_ms)
     }
 
     /// The counters of the driver.

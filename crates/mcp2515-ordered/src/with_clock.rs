@@ -91,11 +91,15 @@ impl embedded_can::Error for CanError {
     }
 }
 
-impl<C, INT, A, T> WithClock<C, INT, A, T> {
-    pub(crate) const fn new(driver: Driver<C, INT, A>, now_ms: T) -> Self {
-        Self { driver, now_ms, error: None }
+impl<C: Instructions, INT: InputPin, A: Acceptance> Driver<C, INT, A> {
+    /// Adds a clock, for the traits of [`embedded_can`]. `now_ms` returns the time in milliseconds,
+    /// which wraps around.
+    pub const fn with_clock<T: FnMut() -> u16>(self, now_ms: T) -> WithClock<C, INT, A, T> {
+        WithClock { driver: self, now_ms, error: None }
     }
+}
 
+impl<C, INT, A, T> WithClock<C, INT, A, T> {
     /// The driver.
     pub fn driver(&mut self) -> &mut Driver<C, INT, A> {
         &mut self.driver

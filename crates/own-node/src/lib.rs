@@ -30,6 +30,17 @@ pub struct Parameter {
     pub max: i32,
 }
 
+impl Parameter {
+    /// The response of GetSet: value, default, maximum, minimum and name.
+    fn answer<const N: usize>(&self, payload: &mut Payload<N>, value: i32) {
+        payload.set(&[]);
+        for number in [value, self.default, self.max, self.min] {
+            payload.add_number(number);
+        }
+        payload.add(self.name);
+    }
+}
+
 /// The node ID takes effect after a restart.
 pub const PARAMETERS: [Parameter; 2] = [
     Parameter { name: b"NODE_ID", default: 42, min: 1, max: 127 },
@@ -325,7 +336,7 @@ impl<C: Can, S: Storage> Node<C, S> {
                     }
                     Kind::GetSet => {
                         match get_set(&mut self.values, request.payload()) {
-                            Some((parameter, value)) => payload.set_parameter(parameter, value),
+                            Some((parameter, value)) => parameter.answer(payload, value),
                             // Value, default, maximum and minimum are nothing.
                             None => payload.set(&[0; 4]),
                         }

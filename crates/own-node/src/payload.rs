@@ -1,7 +1,5 @@
 //! The bytes of a message or a response.
 
-use crate::Parameter;
-
 /// Up to `N` bytes. They are made in place: a copy of a response takes 60 bytes of stack.
 pub struct Payload<const N: usize> {
     bytes: [u8; N],
@@ -29,21 +27,10 @@ impl<const N: usize> Payload<N> {
 
     /// Adds a whole number of 64 bits, after its tag.
     #[inline(never)]
-    fn add_number(&mut self, number: i32) {
+    pub fn add_number(&mut self, number: i32) {
         self.add(&[1]);
         self.add(&number.to_le_bytes());
         self.add(&[if number < 0 { 0xFF } else { 0 }; 4]);
-    }
-
-    /// The response of GetSet: value, default, maximum, minimum and name.
-    pub fn set_parameter(&mut self, parameter: &Parameter, value: i32) {
-        let &Parameter { name, default, min, max } = parameter;
-        self.len = 0;
-        self.add_number(value);
-        self.add_number(default);
-        self.add_number(max);
-        self.add_number(min);
-        self.add(name);
     }
 
     pub fn bytes(&self) -> &[u8] {

@@ -6,8 +6,6 @@ use bounds::report::Report;
 use rig::flood::{Outcome, Scenario};
 use rig::reception::{Buffers, LENGTHS, Reception, SHORT, frame_cycles, limit};
 
-use super::Row;
-
 /// What a flood has shown.
 pub struct Seen {
     has_several_outputs: bool,
@@ -105,15 +103,13 @@ pub fn queue_heading() -> String {
         .into()
 }
 
-/// The row of a program.
-pub fn queue_row(name: &str, report: &Report, seen: &[Seen], rows: &[Row]) -> String {
+/// The row of a program, whose longest turn took `observed` cycles.
+pub fn queue_row(name: &str, report: &Report, seen: &[Seen], observed: u32) -> String {
     let most = |what: fn(&Seen) -> u8| seen.iter().map(what).max().expect("a flood");
     let places = most(|seen| seen.places);
     let fill = u32::from(places) * frame_cycles(SHORT);
     let lost: u64 = seen.iter().map(|seen| seen.lost).sum();
     let turn = report.times.as_ref().and_then(|times| times.turn.as_ref()).expect("a turn");
-    let observed = rows.iter().find(|row| row.pair.name == "turn of the main loop");
-    let observed = observed.map_or(0, |row| row.pair.observed);
     // A turn acts on one frame.
     let is_proved = turn.cycles.0 <= frame_cycles(SHORT);
     let verdict =

@@ -5,7 +5,6 @@
 
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::ops::Range;
 use std::rc::Rc;
 
 use bench::avr::{Avr, Firmware, ResetCause};
@@ -13,7 +12,7 @@ use bench::board::Board;
 use bench::can::{Event, Frame, Id, SoftNode};
 use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, crc, split};
 use bench::wiring::Wiring;
-use bench::{Bench, bootloader, chosen_board, eeprom_after_first_start};
+use bench::{Bench, bootloader, eeprom_after_first_start};
 use rig::MS;
 
 pub use super::update_files::*;
@@ -37,13 +36,6 @@ pub const IN_PROGRESS: u8 = 2;
 pub const UNKNOWN: u8 = 255;
 pub const MAGIC: [u8; 5] = [0x1E, 0x1B, 0x55, 0xCE, 0xAC];
 
-/// Address of the header in a program: hardware major, minor, software major, minor, length.
-pub const HEADER: usize = 0x68;
-/// Addresses of the unique ID in the EEPROM, and of what follows: its CRC, and a marker.
-pub const UNIQUE_ID: Range<usize> = 0x04..0x14;
-/// Address of node ID and bit rate in the EEPROM.
-pub const BUS: usize = 0x18;
-
 /// The bootloader needs so many milliseconds to make a unique ID.
 pub const FIRST_START_MS: u64 = 1500;
 
@@ -54,10 +46,6 @@ fn seed(service: u8) -> u16 {
         FILE_READ => 0x8DCD_CA93_9F33_F678,
         _ => 0,
     })
-}
-
-pub fn board() -> Wiring {
-    chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
 }
 
 /// A file server: answers file.Read.

@@ -1,11 +1,22 @@
 //! Files for updates, as `make firmware` leaves them, and EEPROMs for the bootloader.
 
+use std::ops::Range;
 use std::path::PathBuf;
 
 use bench::avr::Chip;
-use bench::{firmware, node_elf};
+use bench::wiring::Wiring;
+use bench::{chosen_board, firmware, node_elf};
 
-use super::update_bench::{BUS, HEADER, UNIQUE_ID, board};
+/// Address of the header in a program: hardware major, minor, software major, minor, length.
+pub const HEADER: usize = 0x68;
+/// Addresses of the unique ID in the EEPROM, and of what follows: its CRC, and a marker.
+pub const UNIQUE_ID: Range<usize> = 0x04..0x14;
+/// Address of node ID and bit rate in the EEPROM.
+pub const BUS: usize = 0x18;
+
+pub fn board() -> Wiring {
+    chosen_board().unwrap_or_else(|error| panic!("{error:#}"))
+}
 
 /// CRC-16-CCITT-FALSE.
 pub fn crc(bytes: &[u8]) -> u16 {

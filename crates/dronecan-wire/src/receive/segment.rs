@@ -1,6 +1,6 @@
-//! A frame as a part of a transfer, and what the receiver says of it.
+//! A frame as a part of a transfer, and why the receiver drops one.
 
-use super::{Received, Transfer};
+use super::Received;
 use crate::bits::{Id, Tail};
 
 /// A frame as a part of a transfer. [`read`](Self::read) makes a segment of a DroneCAN frame. A
@@ -18,21 +18,6 @@ pub struct Segment<'a, K> {
     pub tail: Tail,
     /// The payload bytes before the tail.
     pub payload: &'a [u8],
-}
-
-/// The result of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Verdict<'a, K, const KEPT: usize, L = u8> {
-    /// Accepted. The transfer is not complete yet; or ignored, because the frame came twice or its
-    /// transfer was lost.
-    More,
-    /// The frame completed a message; or a response to this node, whose
-    /// [transfer ID](Transfer::transfer_id) the program compares with that of its request.
-    Message(&'a Transfer<K, KEPT, L>),
-    /// The frame completed a request to this node.
-    Request(&'a Transfer<K, KEPT, L>),
-    /// The frame is dropped, or it caused another transfer to be dropped.
-    Rejected(Rejection),
 }
 
 /// Why a frame or a transfer is dropped. Losses of transfers for this node come last.

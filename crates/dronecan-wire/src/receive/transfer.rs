@@ -1,6 +1,6 @@
 //! A transfer that is being received, and the bytes that are kept of it.
 
-use super::{Policy, Received, Rejection, Segment, Verdict};
+use super::{Policy, Received, Rejection, Segment};
 use crate::bits::Tail;
 use crate::crc;
 use crate::length::Length;
@@ -332,4 +332,19 @@ impl<K: Received, const KEPT: usize, L: Length> Transfer<K, KEPT, L> {
             }
         }
     }
+}
+
+/// The result of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict<'a, K, const KEPT: usize, L = u8> {
+    /// Accepted. The transfer is not complete yet; or ignored, because the frame came twice or its
+    /// transfer was lost.
+    More,
+    /// The frame completed a message; or a response to this node, whose
+    /// [transfer ID](Transfer::transfer_id) the program compares with that of its request.
+    Message(&'a Transfer<K, KEPT, L>),
+    /// The frame completed a request to this node.
+    Request(&'a Transfer<K, KEPT, L>),
+    /// The frame is dropped, or it caused another transfer to be dropped.
+    Rejected(Rejection),
 }

@@ -5,10 +5,9 @@ use std::time::Duration;
 
 use dronecan_host::{Message, Mode, NodeInfo};
 
-use crate::check::checks::{BANNER, Board};
+use crate::check::board::{BANNER, Board, Plan};
 use crate::check::desk::{Desk, Output};
 use crate::check::report::Verdict::{Failed, Skipped};
-use crate::check::session::Plan;
 
 /// Each node sends NodeStatus once a second; a bootloader that hears nothing waits for three.
 const LISTEN: Duration = Duration::from_secs(5);

@@ -4,10 +4,9 @@ use std::time::Duration;
 
 use dronecan_host::{Message, NodeStatus, Opcode, ParameterRequest, Value};
 
-use crate::check::checks::{Board, bit, codes};
+use crate::check::board::{Board, Plan, bit, codes};
 use crate::check::desk::{Answer, Desk, Output};
 use crate::check::report::Verdict::{Failed, Passed, Skipped};
-use crate::check::session::Plan;
 use crate::check::store::harmless;
 use crate::check::vcd::{self, Pulses};
 

@@ -7,6 +7,7 @@
 
 #[cfg(not(target_family = "wasm"))]
 pub mod args;
+mod board;
 mod checks;
 pub mod desk;
 mod find;

@@ -12,10 +12,10 @@ use std::pin::Pin;
 use std::task::{Context, Waker};
 use std::time::Duration;
 
-use crate::update::file::FirmwareFile;
 use crate::update::session::Outcome;
 use dronecan_host::{Frame, Message, NodeId, RESTART_MAGIC};
 
+pub use crate::check::board::Plan;
 use crate::check::checks;
 use crate::check::desk::{Answer, Changed, Desk, Output};
 use crate::check::report::Report;
@@ -24,20 +24,6 @@ use crate::check::report::Report;
 const PUT_BACK_WITHIN: Duration = Duration::from_secs(20);
 /// The same after the adapter was lost: somebody plugs it in again.
 const PLUGGED_WITHIN: Duration = Duration::from_secs(60);
-
-/// What is checked, and with what.
-pub struct Plan {
-    pub node: NodeId,
-    pub bit_rate: u32,
-    /// True if there is the Arduino's serial port.
-    pub has_port: bool,
-    /// True if there is a logic analyser.
-    pub has_analyser: bool,
-    /// How long error counters are observed.
-    pub watch: Duration,
-    /// Programs for an update. Only the one that the node has is sent.
-    pub files: Vec<FirmwareFile>,
-}
 
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Stage {

@@ -6,11 +6,10 @@ use std::time::Duration;
 use dronecan_host::text::hex;
 use dronecan_host::{Message, Mode, NodeStatus, RESTART_MAGIC, Value};
 
-use crate::check::checks::{BANNER, Board};
+use crate::check::board::{BANNER, Board, Plan};
 use crate::check::desk::Desk;
 use crate::check::find::{boot_line, info};
 use crate::check::measure::median;
-use crate::check::session::Plan;
 
 /// From the request of a restart to the first status. The node waits for 100 ms, and a loader
 /// checks its program for 0.2 s.

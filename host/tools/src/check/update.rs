@@ -6,10 +6,9 @@ use std::time::Duration;
 use crate::update::file::FirmwareFile;
 use crate::update::session::{Outcome, Session as Update};
 
-use crate::check::checks::Board;
+use crate::check::board::{Board, Plan};
 use crate::check::desk::Desk;
 use crate::check::measure::quantile;
-use crate::check::session::Plan;
 
 /// Pages of the flash are erased and written in 3.7 to 4.5 ms each (DS40002061B 31.8).
 const PAGE_LIMIT_MS: f64 = 12.0;

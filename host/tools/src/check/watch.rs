@@ -5,10 +5,9 @@ use std::time::Duration;
 use dronecan_host::{ActuatorCommand, CommandUnit, Message, ParameterRequest, TransportStats};
 use half::f16;
 
-use crate::check::checks::{BUS_ADVICE, Board, bit, codes};
+use crate::check::board::{BUS_ADVICE, Board, Plan, bit, codes};
 use crate::check::desk::{Desk, Heard, Output};
 use crate::check::measure::{clock_error_percent, deviation};
-use crate::check::session::Plan;
 
 const CLOCK: Duration = Duration::from_secs(20);
 /// The ceramic resonator of an Uno is up to 0.5 % off; the computer's clock and the arrival of the

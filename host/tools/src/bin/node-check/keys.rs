@@ -7,8 +7,6 @@ use node_tools::check::desk::Answer;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::termios::{LocalModes, OptionalActions, Termios, tcgetattr, tcsetattr};
 
-use crate::answer_of;
-
 /// A question that waits for its answer.
 struct Asked {
     /// The end of something to do.
@@ -115,5 +113,15 @@ impl Drop for Keys {
         if let Some(before) = &self.before {
             let _ = tcsetattr(stdin(), OptionalActions::Now, before);
         }
+    }
+}
+
+/// The answer that a key is.
+fn answer_of(key: u8) -> Option<Answer> {
+    match key {
+        b'y' | b'Y' => Some(Answer::Yes),
+        b'n' | b'N' => Some(Answer::No),
+        b's' | b'S' | b' ' => Some(Answer::Skip),
+        _ => None,
     }
 }

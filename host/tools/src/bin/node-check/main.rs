@@ -19,7 +19,7 @@ use anyhow::{Context as _, Error, Result};
 use clap::Parser as _;
 use dronecan_host::text::visible;
 use node_tools::check::args::Args;
-use node_tools::check::desk::{Answer, Changed, Output};
+use node_tools::check::desk::{Changed, Output};
 use node_tools::check::report::{Report, Row, Verdict, board};
 use node_tools::check::session::{Plan, Session};
 use node_tools::update::file::FirmwareFile;
@@ -187,14 +187,4 @@ fn write(args: &Args, report: &Report) -> Result<()> {
         fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
-}
-
-/// The answer that a key is.
-fn answer_of(key: u8) -> Option<Answer> {
-    match key {
-        b'y' | b'Y' => Some(Answer::Yes),
-        b'n' | b'N' => Some(Answer::No),
-        b's' | b'S' | b' ' => Some(Answer::Skip),
-        _ => None,
-    }
 }
