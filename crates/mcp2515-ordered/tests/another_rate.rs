@@ -5,14 +5,12 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
+use crate::wire::Peripheral;
 use can_model::{Bus, Frame, Id, PortId, RecordKind, SoftNode};
 use mcp2515_model::Mcp2515 as Chip;
 use mcp2515_ordered::Frame as DriverFrame;
 use mcp2515_ordered::{Acceptance, Attempts, BitTiming, Configuration, Event, Filters, Mcp2515};
 use sim_base::Cycles;
-use wire::Peripheral;
-
-mod wire;
 
 const CRYSTAL_HZ: u32 = 16_000_000;
 const MS: Cycles = 16_000;
@@ -54,7 +52,7 @@ impl Peripheral for TimedChip {
     }
 }
 
-type Wire = wire::Wire<TimedChip>;
+type Wire = crate::wire::Wire<TimedChip>;
 
 /// Accepts each extended frame, and if it searches, each of [`RATES`] in turn.
 struct Accepted {
@@ -168,7 +166,7 @@ impl World {
         let port = self.bus.attach("node", chip.clone());
         self.bus.connect(port, is_plugged_in);
         let timed = TimedChip { chip: chip.clone(), now: self.now.clone() };
-        let wire = wire::Wire(Rc::new(RefCell::new(timed)));
+        let wire = crate::wire::Wire(Rc::new(RefCell::new(timed)));
         let configuration = Configuration {
             timing: BitTiming::new(CRYSTAL_HZ, rate),
             acceptance: Accepted { rate_of_search: None },

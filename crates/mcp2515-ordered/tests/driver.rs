@@ -3,6 +3,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use crate::wire::Peripheral;
 use can_model::{Bus, Fault, Frame, Id, PortId, RecordKind, SoftNode};
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::SpiBus;
@@ -16,9 +17,6 @@ use mcp2515_ordered::{
     Pattern,
 };
 use sim_base::Cycles;
-use wire::Peripheral;
-
-mod wire;
 
 const CRYSTAL_HZ: u32 = 16_000_000;
 
@@ -128,7 +126,7 @@ impl Peripheral for World {
     }
 }
 
-type Wire = wire::Wire<World>;
+type Wire = crate::wire::Wire<World>;
 
 struct Rig {
     wire: Wire,
@@ -162,7 +160,7 @@ impl Rig {
             int_stuck: None,
             miso_stuck: None,
         };
-        let wire = wire::Wire(Rc::new(RefCell::new(world)));
+        let wire = crate::wire::Wire(Rc::new(RefCell::new(world)));
         let configuration =
             Configuration { timing: BitTiming::new(CRYSTAL_HZ, bit_rate), acceptance, attempts };
         let driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), configuration);

@@ -6,6 +6,7 @@ use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::rc::Rc;
 
+use crate::wire::{Peripheral, Wire};
 use can_model::{Bus, Frame as BusFrame, RecordKind, SoftNode};
 use critical_section::RawRestoreState;
 use embedded_can::nb::Can;
@@ -15,9 +16,6 @@ use mcp2515_ordered::{
     Attempts, BitTiming, CanError, Configuration, Event, Exclusive, Filters, Frame, Mcp2515, Queue,
 };
 use sim_base::Cycles;
-use wire::{Peripheral, Wire};
-
-mod wire;
 
 const CRYSTAL_HZ: u32 = 16_000_000;
 const BIT_RATE: u32 = 1_000_000;

@@ -4,6 +4,7 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
+use crate::wire::{Device, Peripheral};
 use can_model::{Bus, Frame as BusFrame, Id as BusId, PortId, RecordKind, SoftNode};
 use embedded_can::{Error as _, ErrorKind, ExtendedId, Frame as _, Id, StandardId, blocking, nb};
 use mcp2515_model::Mcp2515 as Chip;
@@ -12,9 +13,6 @@ use mcp2515_ordered::{
     Mcp2515, Notice, SharedMcp2515, WithClock,
 };
 use sim_base::Cycles;
-use wire::{Device, Peripheral};
-
-mod wire;
 
 const CRYSTAL_HZ: u32 = 16_000_000;
 const BIT_RATE: u32 = 500_000;
@@ -71,7 +69,7 @@ impl Peripheral for World {
     }
 }
 
-type Wire = wire::Wire<World>;
+type Wire = crate::wire::Wire<World>;
 
 /// The rest of the bus: a station that acknowledges, and what passed.
 struct Rig {
@@ -90,7 +88,7 @@ impl Rig {
         let peer_port = bus.attach("peer", peer.clone());
         let mut world = World { bus, chip, now: 0, selects: 0, bytes: 0, is_absent: false };
         world.run(MS);
-        Rig { wire: wire::Wire(Rc::new(RefCell::new(world))), chip_port, peer_port, peer }
+        Rig { wire: crate::wire::Wire(Rc::new(RefCell::new(world))), chip_port, peer_port, peer }
     }
 
     fn configuration(acceptance: Filters, attempts: Attempts) -> Configuration<Filters> {

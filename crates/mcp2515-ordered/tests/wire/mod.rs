@@ -1,7 +1,5 @@
 //! The SPI and the pins of a simulated chip, as the driver uses them.
 
-#![allow(dead_code, reason = "each test file uses a part")]
-
 use std::cell::RefCell;
 use std::convert::Infallible;
 use std::rc::Rc;

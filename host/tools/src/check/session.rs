@@ -13,7 +13,7 @@ use std::task::{Context, Waker};
 use std::time::Duration;
 
 use crate::update::session::Outcome;
-use dronecan_host::{Frame, Message, NodeId, RESTART_MAGIC};
+use dronecan_host::{Frame, Message, RESTART_MAGIC};
 
 pub use crate::check::board::Plan;
 use crate::check::checks;

@@ -20,30 +20,30 @@ fn run(target: &str, run: fn(&[u8])) {
 
 #[test]
 fn no_input_of_the_corpus_fails_in_the_node() {
-    run("node", fuzz_harness::node::run);
+    run("node", crate::node::run);
 }
 
 #[test]
 fn no_input_of_the_corpus_fails_with_three_commanders() {
-    run("commanders", fuzz_harness::commanders::run);
+    run("commanders", crate::commanders::run);
 }
 
 #[test]
 fn no_input_of_the_corpus_fails_as_an_eeprom() {
-    run("eeprom", fuzz_harness::eeprom::run);
+    run("eeprom", crate::eeprom::run);
 }
 
 #[test]
 fn no_input_of_the_corpus_fails_in_the_host_parsers() {
-    run("host", fuzz_harness::host::run);
+    run("host", crate::host::run);
 }
 
 #[test]
 fn no_input_of_the_corpus_fails_in_the_simulator() {
-    run("sim", fuzz_harness::sim::run);
+    run("sim", crate::sim::run);
 }
 
 #[test]
 fn no_input_of_the_corpus_fails_in_the_bridge() {
-    run("bridge", fuzz_harness::bridge::run);
+    run("bridge", crate::bridge::run);
 }
