@@ -17,7 +17,7 @@ def fetch_all(ground, nodes, parameters):
     ground.mav.param_request_list_send(SYSTEM, 0)
     missing = {(node, index) for node in nodes for index in range(parameters)}
     while missing:
-        assert time.monotonic() < start + TIMEOUT_S, (
+        assert time.monotonic() < start + 3 * TIMEOUT_S, (
             f"{len(missing)} of {len(nodes) * parameters} are missing"
         )
         message = ground.receive()
