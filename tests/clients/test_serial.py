@@ -99,8 +99,8 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_serial_monitor(empty_boar
         """
         return output.read_text(errors="replace").partition(f"Console {used.serial}")[2]
 
-    with open(output, "wb") as file:
-        with open(TARGET / "firmware/lock", "w") as lock:
+    def upload():
+        with open(output, "wb") as file, open(TARGET / "firmware/lock", "w") as lock:
             # The same lock as in scripts/firmware: no other build may start before avrdude has read
             # the ELF.
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -116,22 +116,29 @@ def test_cargo_run_uploads_with_ravedude_and_shows_the_serial_monitor(empty_boar
                 "written flash",
                 timeout=400,
             )
-        wait_until(
-            lambda: "temperature +" in shown() or cargo.poll() is not None,
-            "line of the monitor",
-            timeout=400,
-        )
-        assert cargo.poll() is None, output.read_text(errors="replace")
-        # Like a terminal at Ctrl-C.
-        os.killpg(cargo.pid, signal.SIGINT)
-        exit_code = cargo.wait(TIMEOUT_S)
+        return cargo
+
+    cargo, uploads = upload(), 1
+    if b"protocol expects" in output.read_bytes():
+        # On a machine without a free processor the board may answer after the quarter of a second
+        # that avrdude waits. A person tries again.
+        cargo, uploads = upload(), 2
+    wait_until(
+        lambda: "temperature +" in shown() or cargo.poll() is not None,
+        "line of the monitor",
+        timeout=400,
+    )
+    assert cargo.poll() is None, output.read_text(errors="replace")
+    # Like a terminal at Ctrl-C.
+    os.killpg(cargo.pid, signal.SIGINT)
+    exit_code = cargo.wait(TIMEOUT_S)
     text = output.read_text(errors="replace")
     assert exit_code == 0 and "bytes of flash verified" in text, text
     # The board starts when the console opens the port, so the console shows the banner, once.
     assert re.search(r"at 115200 baud\s+CTRL\+C to exit\.\s+DroneCAN servo node", shown()), text
     assert shown().count("reset:") == 1, text
     used.end()
-    assert len(re.findall(r" reset +the AVR was reset: External", used.text())) == 2
+    assert len(re.findall(r" reset +the AVR was reset: External", used.text())) == uploads + 1
     size = re.search(r"(\d+) bytes of flash verified", text)[1]
     assert f"\nflash           {size} of " in used.text()
 
