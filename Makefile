@@ -197,15 +197,15 @@ test-programs: setup-simavr
 test-host: test-programs firmwares
 	nice cargo test $(TESTED)
 	nice cargo test $(TESTED) -p web --test engines
-	nice scripts/bounds $(SHIPPED)
-	nice scripts/bounds $(UNO) full default outputs,rpm
-	set -e; for board in "" "$(UNO)"; do nice scripts/bounds $$board --boot; done
+	nice scripts/bounds
+	nice scripts/bounds --boot
+	nice scripts/bounds $(UNO) full
 	nice cargo test $(TESTED) --test judge -- --nocapture
 	scripts/docs --measured
 	scripts/budget-page --check
 
-# The unit tests of the node need no simulator. Each feature is in one of these sets.
-PRESETS := default full thesis escs,masks,relay,rpm,tunnel,values
+# The unit tests of the node need no simulator. "make test-long" has sets with the other features.
+PRESETS := default full
 # The board of the tests.
 ON_BOARD := NODE_BOARD='$(BOARD)' NODE_SHIELD='$(SHIELD)'
 # The processor of what runs for hours, on which the tests on boards run, too: PROCESSOR=simavr for the other.
@@ -336,6 +336,10 @@ NOT_AT_CORNERS := --skip bounds:: --skip each_edge_is_exact --skip a_request_tha
 # without the feature that the other packages ask for.
 define TEST_LONG
 $(BOARD_TESTS) --ignored
+$(SUB) test-library PRESETS='thesis escs,masks,relay,rpm,tunnel,values'
+scripts/bounds remote thesis
+scripts/bounds $(UNO) default outputs,rpm
+scripts/bounds $(UNO) --boot
 set -e; for corner in slow fast worst random:7; do export NODE_CORNER=$$corner; \
 	$(BOARD_TESTS) $(NOT_AT_CORNERS); $(SUB) test-clients CLIENTS='at_corners and not long'; done
 NODE_ELF=$$(scripts/firmware --path remote) $(BOARD_TESTS) load::
