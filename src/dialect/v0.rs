@@ -79,38 +79,3 @@ pub fn segment(frame: &Frame, node: u8) -> Result<Segment<'_>, Rejection> {
     }
     Segment::read(Id::from_bytes(frame.id), frame.data(), node)
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::golden;
-    use crate::tables::wire::Receiver;
-
-    #[test]
-    fn standard_and_remote_frames_are_unknown() {
-        for id in [0x9003_F20A, 0x8000_0000] {
-            let frame = golden::frame(id, &[1, 0, 0, 0x38, 0xC7]);
-            assert_eq!(segment(&frame, 120), Err(Rejection::Unknown), "{id:08X}");
-        }
-    }
-
-    #[test]
-    fn frames_of_the_thesis_are_one_frame_long() {
-        let mut receiver = Receiver::new();
-        for frame in golden::transfer(0x1804_570A, 0, 1, &[0; 14]) {
-            let verdict = receiver.accept(segment(&frame, 120).unwrap(), 1, 0);
-            assert_eq!(verdict, dronecan_wire::Verdict::Rejected(Rejection::Malformed));
-        }
-    }
-
-    /// All anonymous messages look the same to a node without an ID, whatever their type.
-    #[test]
-    fn an_anonymous_message_is_an_allocation_while_the_node_has_no_id() {
-        let frame = golden::frame(0x1E97_4D00, &[1, 0, 1, 2, 3, 4, 5, 0xC0]);
-        assert_eq!(segment(&frame, 120), Err(Rejection::Anonymous));
-        #[cfg(feature = "allocation")]
-        assert_eq!(segment(&frame, 0).unwrap().kind, Kind::Allocation);
-        #[cfg(not(feature = "allocation"))]
-        assert_eq!(segment(&frame, 0), Err(Rejection::Anonymous));
-    }
-}

@@ -228,13 +228,6 @@ mod tests {
     }
 
     #[test]
-    fn an_entry_is_followed_at_once_when_no_frame_waits() {
-        let mut agenda = Agenda::new();
-        assert_eq!(agenda.next(true, true, || EVERYTHING), Turn::ActOnFrame);
-        assert_eq!(agenda.next(false, true, || EVERYTHING), Turn::Follow);
-    }
-
-    #[test]
     fn without_a_frame_the_rarest_comes_first() {
         let mut facts = EVERYTHING;
         let mut order = vec![];
@@ -273,17 +266,6 @@ mod tests {
                 Turn::Tick
             );
         }
-    }
-
-    #[test]
-    fn a_frame_goes_as_soon_as_there_is_room() {
-        let facts = Facts { is_on_bus: true, has_frame_to_send: true, ..Facts::default() };
-        let mut agenda = Agenda::new();
-        assert_eq!(agenda.next(false, false, || facts), Turn::FindRoom);
-        assert_eq!(
-            agenda.next(false, false, || Facts { has_room: true, ..facts }),
-            Turn::SendFrame
-        );
     }
 
     #[test]

@@ -95,27 +95,6 @@ mod tests {
     }
 
     #[test]
-    fn before_any_command_the_lowest_node_id_is_the_autopilot() {
-        let mut autopilot = Autopilot::NONE;
-        assert!(autopilot.is_status_of(node(127)), "the only one so far");
-        assert!(autopilot.is_status_of(node(10)));
-        assert!(!autopilot.is_status_of(node(127)));
-        assert!(!autopilot.is_status_of(node(42)));
-        assert!(autopilot.is_status_of(node(10)));
-        assert_eq!(autopilot.commander(), 0);
-    }
-
-    #[test]
-    fn who_commands_is_the_autopilot_whatever_its_id() {
-        let mut autopilot = Autopilot::NONE;
-        assert!(autopilot.is_status_of(node(1)));
-        autopilot.commanded_by(node(10));
-        assert!(!autopilot.is_status_of(node(1)));
-        assert!(autopilot.is_status_of(node(10)));
-        assert_eq!(autopilot.commander(), 10);
-    }
-
-    #[test]
     fn a_command_of_another_node_within_two_seconds_or_three_is_a_second_commander_s() {
         for (seconds, is_second) in [(0, true), (1, true), (2, true), (3, false), (4, false)] {
             let mut autopilot = Autopilot::NONE;
@@ -128,22 +107,5 @@ mod tests {
             assert_eq!(autopilot.commanded_by(node(11)), is_second, "{seconds}");
             assert_eq!(autopilot.commander(), 11);
         }
-    }
-
-    #[test]
-    fn three_seconds_of_silence_make_room_for_another() {
-        let mut autopilot = Autopilot::NONE;
-        autopilot.commanded_by(node(10));
-        for _ in 0..10 {
-            autopilot.second();
-            assert!(autopilot.is_status_of(node(10)));
-        }
-        for _ in 0..3 {
-            autopilot.second();
-            assert!(autopilot.is_present());
-        }
-        autopilot.second();
-        assert!(!autopilot.is_present());
-        assert!(autopilot.is_status_of(node(42)));
     }
 }

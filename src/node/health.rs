@@ -214,43 +214,6 @@ mod tests {
         }
     }
 
-    #[cfg(feature = "masks")]
-    #[test]
-    fn the_worst_mask_decides() {
-        for condition in golden::CONDITIONS {
-            let masks = |warn: u16, error: u16, critical: u16| {
-                golden::parameters(&[
-                    (Parameter::WarnMask, warn.into()),
-                    (Parameter::ErrorMask, error.into()),
-                    (Parameter::CritMask, critical.into()),
-                ])
-            };
-            let mask = condition.code();
-            let every = masks(0xFFFF, 0xFFFF, 0xFFFF);
-            assert_eq!(Health::level(0, &every, Conditions::NONE), Level::Ok);
-            assert_eq!(
-                Health::level(mask, &masks(!mask, !mask, !mask), Conditions::NONE),
-                Level::Ok,
-                "{mask:#06x}"
-            );
-            assert_eq!(
-                Health::level(mask, &masks(mask, 0, 0), Conditions::NONE),
-                Level::Warning,
-                "{mask:#06x}"
-            );
-            assert_eq!(
-                Health::level(mask, &masks(mask, mask, 0), Conditions::NONE),
-                Level::Error,
-                "{mask:#06x}"
-            );
-            assert_eq!(
-                Health::level(mask, &masks(mask, mask, mask), Conditions::NONE),
-                Level::Critical,
-                "{mask:#06x}"
-            );
-        }
-    }
-
     #[test]
     fn a_counter_wraps_around() {
         let mut counter = 65_534;

@@ -268,19 +268,4 @@ mod tests {
             Publication::all().filter(|&publication| !WITHOUT_ID.has(publication)).collect();
         assert_eq!(order, expected);
     }
-
-    #[cfg(not(feature = "draft"))]
-    #[test]
-    fn a_message_with_a_rate_is_due_that_many_times_a_second() {
-        for rate in [0, 1, 7, 50] {
-            let mut publisher = Publisher::new();
-            let mut count = 0;
-            for _ in 0..10_000 {
-                publisher.pace(Publication::NodeStatus, 0, 1, rate);
-                count += u32::from(publisher.due.has(Publication::NodeStatus));
-                publisher.withdraw(Publication::NodeStatus);
-            }
-            assert_eq!(count, 10 * u32::from(rate));
-        }
-    }
 }

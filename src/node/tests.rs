@@ -207,28 +207,6 @@ fn a_status_that_waits_in_the_controller_is_not_followed_by_another() {
     assert!(gaps(&rig.status_times()).iter().all(|&gap| gap >= 500));
 }
 
-#[test]
-fn messages_keep_their_rates_while_the_main_loop_counts_several_milliseconds_at_once() {
-    for passed_ms in [1, 2, 5, 10] {
-        let rates = rates(50, 7, 2);
-        let mut rig = Rig::with(&rates);
-        // Wait for the first temperature.
-        rig.run(1000);
-        rig.can.sent.clear();
-        let begun = rig.ms;
-        while rig.ms < begun + 10_000 {
-            rig.pass(passed_ms);
-        }
-        for (&(id, signature), (parameter, rate)) in PACED.iter().zip(rates) {
-            let (sent, asked) = (rig.transfers(id, signature).len(), 10 * rate as usize);
-            assert!(
-                sent.abs_diff(asked) <= 1,
-                "{parameter:?}: {sent} instead of {asked}, {passed_ms} ms at once"
-            );
-        }
-    }
-}
-
 /// ArduPilot leaves out channels without a pulse while it is disarmed, and does not arm while the
 /// node is at ERROR.
 #[cfg(feature = "standard")]
@@ -246,26 +224,6 @@ fn a_missing_command_is_no_error_while_the_autopilot_says_that_it_is_disarmed() 
         assert_eq!((rig.code(), rig.level()), (1 << 10, level), "{status:?}");
         rig.run(5000);
         assert_eq!(rig.level(), 2, "no ArmingStatus any more");
-    }
-}
-
-#[cfg(feature = "lights")]
-#[test]
-fn light_never_gets_darker_as_a_colour_gets_brighter() {
-    for (shift, levels) in [(11, 32), (5, 64), (0, 32u16)] {
-        let mut rig = Rig::new();
-        let mut last = 0;
-        for level in 0..levels {
-            let [high, low] = (level << shift).to_be_bytes();
-            rig.frames(&[golden::frame(0x1804_390A, &[0, high, low, 0xC0])]);
-            let light = rig.program.node.light();
-            assert!(light >= last, "{level} of {levels}: {light}");
-            assert!(
-                (f64::from(light) - f64::from(level) * 255.0 / f64::from(levels - 1)).abs() < 8.0
-            );
-            last = light;
-        }
-        assert_eq!(last, 255);
     }
 }
 

@@ -100,22 +100,4 @@ mod tests {
         }
         assert_eq!(button.press_time_ds(), 255);
     }
-
-    #[test]
-    fn a_press_that_bounces_counts_once() {
-        let mut button = Button::new();
-        let mut presses = 0;
-        let mut hold = |level: bool, ms: u32| (0..ms).filter(|_| button.tick(level, 1)).count();
-        for _ in 0..3 {
-            for _ in 0..5 {
-                presses += hold(true, 3) + hold(false, 2);
-            }
-            presses += hold(true, 50);
-            for _ in 0..5 {
-                presses += hold(false, 3) + hold(true, 2);
-            }
-            presses += hold(false, 50);
-        }
-        assert_eq!((presses, button.count()), (3, 3));
-    }
 }

@@ -199,4 +199,32 @@ impl Default for Shaft {
 }
 
 #[cfg(test)]
-mod tests;
+mod tests {
+    #[test]
+    fn quotients_are_cut_to_16_bits() {
+        let quotient = |dividend, divisor| {
+            let [high, low] = super::quotient(dividend, divisor);
+            f64::from(f32::from_bits(u32::from(high) << 16 | u32::from(low)))
+        };
+        for (dividend, divisor, expected) in [
+            (1, 1, 1.0),
+            (15_000_000, 250_000, 60.0),
+            (15_000_000, 250, 60_000.0),
+            (143 * 15_000_000, 1, 2_144_993_280.0),
+            (1, 0x7FFF_FFFF, 4.656_612_873_077_393e-10),
+        ] {
+            assert_eq!(quotient(dividend, divisor), expected);
+        }
+        let mut seed = 1u32;
+        for _ in 0..100_000 {
+            let [dividend, divisor] = [(); 2].map(|()| {
+                seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+                // Numbers of all lengths.
+                (seed >> 1 >> (seed % 24)).max(1)
+            });
+            let exact = f64::from(dividend) / f64::from(divisor);
+            let error = 1.0 - quotient(dividend, divisor) / exact;
+            assert!((0.0..=1.0 / 32_768.0).contains(&error), "{dividend} / {divisor}: {error}");
+        }
+    }
+}

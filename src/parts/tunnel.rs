@@ -106,46 +106,11 @@ mod tests {
     /// For node 120: the header of a Targetted to its default port, as pydronecan writes it.
     const TO_120: [u8; 3] = [2, 0xF1, 0xF0];
 
-    fn message(tunnel: &mut Tunnel, now_ms: u16) -> Vec<u8> {
-        let mut payload = Vec::new();
-        tunnel.take(now_ms, |byte| payload.push(byte));
-        payload
-    }
-
-    #[test]
-    fn characters_go_to_whoever_asked_last_and_none_before_anybody_asked() {
-        let mut tunnel = Tunnel::new();
-        tunnel.push(b'x');
-        assert!(!tunnel.tick(100));
-        assert!(
-            tunnel.act_on_message(TO_120, 120, 5, 100)
-                && tunnel.act_on_message(TO_120, 120, 126, 110)
-        );
-        tunnel.push(0);
-        tunnel.push(b'y');
-        assert!(tunnel.tick(120));
-        assert_eq!(message(&mut tunnel, 120), [2, 252, 0, 0, 0, 0, b'y']);
-        assert!(!tunnel.tick(121));
-    }
-
     #[test]
     fn another_node_and_another_port_are_left_alone() {
         let mut tunnel = Tunnel::new();
         assert!(!tunnel.act_on_message(TO_120, 121, 5, 0));
         assert!(!tunnel.act_on_message([2, 120 << 1, 1 << 4], 120, 5, 0), "port 1");
         assert!(tunnel.act_on_message([2, 120 << 1, 0], 120, 5, 0), "port 0");
-    }
-
-    #[test]
-    fn it_is_full_at_19_characters_and_closes_after_three_seconds() {
-        let mut tunnel = Tunnel::new();
-        tunnel.act_on_message(TO_120, 120, 5, 0);
-        (0..ROOM).for_each(|_| tunnel.push(b'x'));
-        assert!(!tunnel.has_room());
-        tunnel.push(b'y');
-        assert_eq!(message(&mut tunnel, 0).len(), usize::from(HEADER_LEN) + ROOM);
-        tunnel.push(b'z');
-        assert!(!tunnel.tick(9) && tunnel.tick(10) && tunnel.tick(3000));
-        assert!(!tunnel.tick(3001) && tunnel.has_room());
     }
 }

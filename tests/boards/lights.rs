@@ -116,7 +116,7 @@ fn a_lights_command_dims_the_light() {
     assert!((red[16] - 0.52).abs() < 0.06, "about half: {}", red[16]);
     // The light has one colour, which stands for all three.
     for command in [(0, 31, 0, 0), (0, 0, 63, 0), (0, 0, 0, 31)] {
-        assert!(light(&mut rig, &[command]) > 0.3, "{command:?}");
+        assert_eq!(light(&mut rig, &[command]), 1.0, "{command:?}");
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::image::InMemory;
-use crate::tables::parameters::{COUNT, Parameter};
+use crate::tables::parameters::COUNT;
 
 /// An EEPROM whose supply can be cut.
 #[derive(Clone)]
@@ -229,35 +229,6 @@ fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_parameters() {
     assert!(cuts > 20_000, "{cuts}");
 }
 
-#[test]
-fn a_second_power_cut_while_saving_again_does_no_harm_either() {
-    for saves in 1..4 {
-        let (start, old) = after_saves(saves);
-        let (first, second) = (set(200), set(300));
-        for cut in (0..2 * LEN as u32).step_by(1 + LEN / 100) {
-            for again in (0..2 * LEN as u32).step_by(1 + LEN / 100) {
-                let mut eeprom = start.clone();
-                let (mut store, _, _) = loaded(&eeprom);
-                save_and_cut(&mut store, &mut first.clone(), &mut eeprom, cut);
-                let garbage = (cut * 31 + again * 17 + u32::from(saves)) as u8;
-                if let Some((at, _)) = eeprom.writing.take() {
-                    eeprom.cells[usize::from(at)] = garbage;
-                }
-                eeprom.busy.set(0);
-                let (mut store, between, _) = loaded(&eeprom);
-                save_and_cut(&mut store, &mut second.clone(), &mut eeprom, again);
-                if let Some((at, _)) = eeprom.writing.take() {
-                    eeprom.cells[usize::from(at)] = garbage.rotate_left(3);
-                }
-                eeprom.busy.set(0);
-                let (_, after, _) = loaded(&eeprom);
-                assert!([old, first].contains(&between), "{saves} {cut} {again}");
-                assert!(after == between || after == second, "{saves} {cut} {again}");
-            }
-        }
-    }
-}
-
 /// A save while the copy after the save before is being written.
 #[test]
 fn a_save_at_any_moment_of_the_copy_is_in_force_once_it_is_answered() {
@@ -462,24 +433,6 @@ fn a_broken_copy_that_is_not_in_force_is_repaired() {
     go_on_and_cut(&mut store, &mut parameters, &mut eeprom, u32::MAX);
     eeprom.settle();
     assert_eq!(eeprom.cells, cells);
-}
-
-#[test]
-fn only_bytes_that_differ_are_written() {
-    let (mut eeprom, mut parameters) = after_saves(2);
-    let (mut store, _, _) = loaded(&eeprom);
-    go_on_and_cut(&mut store, &mut parameters, &mut eeprom, u32::MAX);
-    assert!(save(&mut store, &mut parameters, &mut eeprom));
-    assert_eq!(eeprom.writes, 0);
-    // Also after a start.
-    let (mut store, mut parameters, _) = loaded(&eeprom);
-    go_on_and_cut(&mut store, &mut parameters, &mut eeprom, u32::MAX);
-    assert!(save(&mut store, &mut parameters, &mut eeprom));
-    assert_eq!(eeprom.writes, 0);
-    // A value, the CRC and the selector; then the value and the CRC again.
-    parameters.set(Parameter::CanNode.index(), 7, InMemory);
-    assert!(save(&mut store, &mut parameters, &mut eeprom));
-    assert!(eeprom.writes <= 8, "{}", eeprom.writes);
 }
 
 /// Changes the copy to that of a build whose table of parameters has this digest.

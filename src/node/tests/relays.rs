@@ -80,15 +80,6 @@ fn a_relay_holds_for_relay_timeout_at_least_and_a_second_longer_at_most() {
 }
 
 #[test]
-fn without_relay_timeout_a_relay_stays_for_ever() {
-    let mut rig = with_relays(&[]);
-    command(&mut rig, 5, 1);
-    rig.run(300_000);
-    assert_eq!(levels(&mut rig), [true, true]);
-    assert_eq!(rig.code(), 0, "no failsafe");
-}
-
-#[test]
 fn with_arm_req_a_relay_follows_only_while_armed() {
     let mut rig = with_relays(&[(Parameter::ArmReq, 1)]);
     assert_eq!(command(&mut rig, 5, 1), [false, true]);

@@ -62,18 +62,6 @@ fn kelvin_64ths(thermometer: &Thermometer, parameters: &Parameters) -> u16 {
 const MAX_SUM: u16 = 64 * 1023;
 
 #[test]
-fn a_measurement_takes_64_readings_and_stays_until_the_next() {
-    let mut thermometer = measured(64 * 61);
-    let before = kelvin_64ths(&thermometer, &LM35.parameters());
-    for _ in 0..63 {
-        thermometer.add(100);
-        assert_eq!(kelvin_64ths(&thermometer, &LM35.parameters()), before);
-    }
-    thermometer.add(100);
-    assert_eq!(thermometer, measured(6400));
-}
-
-#[test]
 fn every_sum_is_right_to_a_tenth_of_a_kelvin_for_the_sensors_that_people_use() {
     let all = [LM35, LM35_AT_BANDGAP, TMP36, TMP36_AT_BANDGAP, MCP9701, BELOW_ZERO];
     for setting in all.into_iter().filter(Setting::is_possible) {

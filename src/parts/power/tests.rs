@@ -84,22 +84,3 @@ fn each_limit_has_its_flag_and_0_is_no_limit() {
     assert_eq!(flags(&[(Parameter::Pwr1AmpMax, 1000)]), OVERCURRENT);
     assert_eq!(flags(&[(Parameter::Pwr1AmpMax, 1001)]), 0);
 }
-
-#[test]
-fn the_rating_is_that_of_the_output_that_the_circuit_feeds() {
-    let values = [(Parameter::Pwr1AmpMax, 2000), (Parameter::Pwr1Out, 3)];
-    let parameters = golden::parameters(&values);
-    let power = measured(0, 205, &values);
-    assert_eq!(power.rating_percent(2, &parameters), 50);
-    assert_eq!(power.rating_percent(3, &parameters), RATING_UNKNOWN);
-    assert_eq!(
-        measured(0, 1023, &[]).rating_percent(
-            2,
-            &golden::parameters(&[(Parameter::Pwr1AmpMax, 100), (Parameter::Pwr1Out, 3)])
-        ),
-        126
-    );
-    assert_eq!(Power::new().rating_percent(2, &parameters), RATING_UNKNOWN);
-    let no_limit = golden::parameters(&[(Parameter::Pwr1Out, 3)]);
-    assert_eq!(power.rating_percent(2, &no_limit), RATING_UNKNOWN);
-}

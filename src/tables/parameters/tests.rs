@@ -52,24 +52,6 @@ fn fresh_for(name: &str) -> Parameters {
     parameters
 }
 
-/// True if CAN_BAUDRATE 0 finds the bit rate.
-const HAS_SEARCH: bool = LOWEST < 0;
-
-fn response(parameters: &Parameters, index: u8) -> std::vec::Vec<u8> {
-    let value = parameters.value(index).unwrap();
-    let (response, _) = Response::new(index, value, InMemory);
-    (0..NUMBERS_LEN).map(|at| response.byte(at, InMemory)).collect()
-}
-
-/// The four numbers of a response. Checks their tags.
-fn numbers(parameters: &Parameters, index: u8) -> [i64; 4] {
-    let response = response(parameters, index);
-    core::array::from_fn(|n| {
-        assert_eq!(response[9 * n], 1, "the tag of an integer");
-        i64::from_le_bytes(response[9 * n + 1..9 * n + 9].try_into().unwrap())
-    })
-}
-
 #[test]
 fn all_of_a_range_can_be_set_and_nothing_else() {
     for (index, (name, min, max, _)) in table().into_iter().enumerate() {
@@ -99,32 +81,6 @@ fn all_of_a_range_can_be_set_and_nothing_else() {
             assert!(!set(&mut parameters, index as u8, number.into()), "{name} {number}");
         }
     }
-}
-
-#[test]
-fn the_bit_rate_is_one_of_the_board_s_in_bits_per_second() {
-    let index = Parameter::CanBaudrate.index();
-    let highest = if crate::hardware::CAN_CRYSTAL_HZ == 8_000_000 { 500_000 } else { 1_000_000 };
-    let mut parameters = fresh();
-    let mut rates = vec![];
-    let lowest = if HAS_SEARCH { 0 } else { 125_000 };
-    let all = [(0, -1), (125_000, 0), (250_000, 1), (500_000, 2), (1_000_000, 3)];
-    for (rate, units) in all {
-        if rate < lowest || rate > highest {
-            continue;
-        }
-        assert!(set(&mut parameters, index, rate), "{rate}");
-        assert_eq!(parameters.get(Parameter::CanBaudrate) as i16, units);
-        assert_eq!(numbers(&parameters, index), [rate, highest, highest, lowest]);
-        rates.push(rate);
-    }
-    let before = parameters;
-    for rate in (-70_000..2_100_000).chain((1..256).map(|high| 125_000 | high << 24)) {
-        if !rates.contains(&rate) {
-            assert!(!set(&mut parameters, index, rate), "{rate}");
-        }
-    }
-    assert_eq!(parameters, before);
 }
 
 #[test]

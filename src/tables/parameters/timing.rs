@@ -182,17 +182,4 @@ mod tests {
         assert_eq!(fast.conflict(Parameter::OutCount.index(), 5), Some(Conflict::NoRoom));
         assert_eq!(fast.conflict(Parameter::OutCount.index(), 3), None);
     }
-
-    #[test]
-    fn no_oneshot125_is_outside_of_its_range_and_no_overlapping_pulse_too_long() {
-        for pulse in 0..=u16::MAX - 4 {
-            let eighth = Layout::Chain.width(pulse);
-            assert!(pulse == 0 && eighth == 0 || (250..=500).contains(&eighth), "{pulse}");
-            if (2000..=4000).contains(&pulse) {
-                assert!((8 * eighth).abs_diff(pulse) <= 4, "{pulse}");
-            }
-            assert_eq!(Layout::Overlapping.width(pulse), pulse.min(4000));
-            assert_eq!(Layout::Slots.width(pulse), pulse);
-        }
-    }
 }
