@@ -481,21 +481,6 @@ fn identified(eeprom: &mut Model, noise: impl FnMut() -> u8) -> [u8; 16] {
 }
 
 #[test]
-fn a_unique_id_with_one_wrong_byte_in_its_crc_is_made_again() {
-    for byte in 0..CRC_LEN {
-        let mut eeprom = Model::blank();
-        identified(&mut eeprom, noise(1));
-        eeprom.cells[usize::from(UNIQUE_ID + UNIQUE_ID_LEN + byte)] ^= 1;
-        let mut is_made = false;
-        identified(&mut eeprom, || {
-            is_made = true;
-            7
-        });
-        assert!(is_made, "{byte}");
-    }
-}
-
-#[test]
 fn a_thousand_boards_with_poor_noise_have_a_thousand_ids() {
     let ids: std::collections::HashSet<_> =
         (0..1000).map(|seed| identified(&mut Model::blank(), noise(seed))).collect();

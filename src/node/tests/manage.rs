@@ -88,18 +88,6 @@ fn a_name_after_a_text_is_compared_whole_or_not_at_all() {
     assert_eq!(rig.get_set(&request(5, "")), by_index);
 }
 
-#[cfg(feature = "standard")]
-#[test]
-fn a_request_that_ends_within_its_text_has_no_answer() {
-    let mut rig = Rig::new();
-    rig.run(1100);
-    for len in 4..60 {
-        let payload = [&[0, 4, len][..], &vec![b'x'; usize::from(len) - 1]].concat();
-        let request = golden::transfer(0x1E0B_F8FF, golden::GET_SET, 1, &payload);
-        assert_eq!(rig.ask_frames(&request), [], "{len} bytes");
-    }
-}
-
 #[cfg(all(feature = "standard", feature = "monitor"))]
 #[test]
 fn every_number_that_is_set_is_logged_whole() {

@@ -13,7 +13,6 @@ mod trusted;
 
 const ME: u8 = 120;
 const ACTUATOR: u8 = 1;
-const LIGHT: u8 = 5;
 const KEPT: usize = 27;
 
 /// The data types that the node of these tests receives.

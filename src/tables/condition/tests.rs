@@ -1,26 +1,21 @@
 use super::*;
 use crate::golden::CONDITIONS;
 
-const FAULTS: [ResetCause; 5] = [
-    ResetCause::WATCHDOG,
-    ResetCause::BROWN_OUT,
-    ResetCause::PANIC,
-    ResetCause::STRAY_INTERRUPT,
-    ResetCause::STACK_COLLISION,
-];
-
 #[test]
-fn a_clean_start_leaves_nothing_behind() {
-    for cause in [ResetCause::POWER_ON, ResetCause::EXTERNAL, ResetCause::ASKED_FOR] {
-        assert_eq!(Conditions::after(cause), None);
-    }
-}
-
-#[test]
-fn each_fault_that_resets_has_its_number_in_the_lowest_bits() {
-    for (cause, number) in FAULTS.into_iter().zip(1..) {
+fn each_fault_that_resets_has_its_number_in_the_lowest_bits_and_a_clean_start_has_none() {
+    let faults = [
+        ResetCause::WATCHDOG,
+        ResetCause::BROWN_OUT,
+        ResetCause::PANIC,
+        ResetCause::STRAY_INTERRUPT,
+        ResetCause::STACK_COLLISION,
+    ];
+    for (cause, number) in faults.into_iter().zip(1..) {
         assert_eq!(Conditions::after(cause).map(Conditions::code), Some(number));
         assert!(Conditions::RESET.code() >= number);
+    }
+    for cause in [ResetCause::POWER_ON, ResetCause::EXTERNAL, ResetCause::ASKED_FOR] {
+        assert_eq!(Conditions::after(cause), None);
     }
 }
 

@@ -77,16 +77,6 @@ fn a_sender_precedes_two_others_soon() {
     assert!(pairs.as_flattened().iter().all(|&row| row <= 24), "{pairs:?}");
 }
 
-/// Each further one halves what is left, if it has the worst node ID.
-#[test]
-fn a_sender_precedes_many_others_at_times() {
-    for count in 1..=7 {
-        let share = orders().filter(|&time| precedes(COMMANDER, &others()[..count], time)).count();
-        println!("{count} others: {share} of 4096, {}", longest_row(&others()[..count], 20_000));
-        assert_eq!(share, 4096 >> count);
-    }
-}
-
 /// Each attacker sends, before the commander's first frame and in each gap of its list, a list of
 /// two frames with an entry for the node, and the first frame of another.
 fn is_received<const LANES: usize>(

@@ -218,36 +218,29 @@ fn most_lost<const LANES: usize>(attack: Attack) -> u8 {
         };
         add(state.clone());
         for (n, Lists { whole, long }) in lists.iter().enumerate() {
-            let mut next = state.clone();
-            next.receive(whole);
-            next.sent[n] = 0;
-            add(next.clone());
-            // And a longer one at once.
-            next.receive(&long[..1]);
-            next.sent[n] = 1;
-            add(next);
-            let mut next = state.clone();
-            next.receive(&long[..1]);
-            next.sent[n] = 1;
-            add(next);
-            // A last frame alone, and a longer list at once.
-            let mut next = state.clone();
-            next.receive(&whole[1..]);
-            next.sent[n] = 0;
-            add(next.clone());
-            next.receive(&long[..1]);
-            next.sent[n] = 1;
-            add(next);
-            let sent = state.sent[n];
+            let (begin, last, sent) = (&long[..1], &whole[1..], state.sent[n]);
+            // Frames, and how many of a longer list have been sent then: a short list, or its last
+            // frame alone, and a longer one at once.
+            let mut moves = vec![
+                (vec![whole.as_slice()], 0),
+                (vec![whole.as_slice(), begin], 1),
+                (vec![begin], 1),
+                (vec![last], 0),
+                (vec![last, begin], 1),
+            ];
             if sent != 0 {
-                let mut next = state.clone();
-                next.receive(&long[sent..=sent]);
-                next.sent[n] = match (sent, attack.is_endless) {
+                let then = match (sent, attack.is_endless) {
                     (1, _) => 2,
                     (_, true) => 1,
                     (8, false) => 0,
                     (_, false) => sent + 1,
                 };
+                moves.push((vec![&long[sent..=sent]], then));
+            }
+            for (frames, sent) in moves {
+                let mut next = state.clone();
+                frames.into_iter().for_each(|frames| _ = next.receive(frames));
+                next.sent[n] = sent;
                 add(next);
             }
         }
