@@ -8,6 +8,36 @@ use super::text::hex;
 use half::f16;
 use std::fmt;
 
+/// A payload of numbers, little endian, one after the other.
+macro_rules! numbers {
+    ($(#[$doc:meta])* pub struct $name:ident {
+        $($(#[$about:meta])* pub $field:ident: $number:ident,)*
+    }) => {
+        $(#[$doc])*
+        pub struct $name {
+            $($(#[$about])* pub $field: $number,)*
+        }
+
+        impl $name {
+            /// `None` unless the payload has the length of the numbers.
+            pub fn decode(payload: &[u8]) -> Option<$name> {
+                let mut rest = payload;
+                $(
+                    let (bytes, after) = rest.split_first_chunk()?;
+                    let $field = $number::from_le_bytes(*bytes);
+                    rest = after;
+                )*
+                rest.is_empty().then_some($name { $($field),* })
+            }
+
+            /// The payload.
+            pub fn encode(&self) -> Vec<u8> {
+                [$(&self.$field.to_le_bytes()[..]),*].concat()
+            }
+        }
+    };
+}
+
 /// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`. Bits fill the
 /// first byte from its most significant bit.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -101,43 +131,22 @@ impl fmt::Display for LightCommand {
     }
 }
 
-/// equipment.power.CircuitStatus: circuit u16 | volts f16 | amperes f16 | error flags u8 (1
-/// overvoltage, 2 undervoltage, 4 overcurrent).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CircuitStatus {
-    pub circuit: u16,
-    pub voltage: f16,
-    pub current: f16,
-    /// Error flags, including unknown ones.
-    pub errors: u8,
+numbers! {
+    /// equipment.power.CircuitStatus, in volts and amperes.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct CircuitStatus {
+        pub circuit: u16,
+        pub voltage: f16,
+        pub current: f16,
+        /// Error flags, including unknown ones.
+        pub errors: u8,
+    }
 }
 
 /// Names of the error flags, from bit 0 on.
 const CIRCUIT_ERRORS: [&str; 3] = ["OVERVOLTAGE", "UNDERVOLTAGE", "OVERCURRENT"];
 
 impl CircuitStatus {
-    /// `None` unless the payload has seven bytes.
-    pub fn decode(payload: &[u8]) -> Option<CircuitStatus> {
-        let &[circuit0, circuit1, v0, v1, c0, c1, errors] = payload else {
-            return None;
-        };
-        Some(CircuitStatus {
-            circuit: u16::from_le_bytes([circuit0, circuit1]),
-            voltage: f16::from_le_bytes([v0, v1]),
-            current: f16::from_le_bytes([c0, c1]),
-            errors,
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = self.circuit.to_le_bytes().to_vec();
-        payload.extend(self.voltage.to_le_bytes());
-        payload.extend(self.current.to_le_bytes());
-        payload.push(self.errors);
-        payload
-    }
-
     /// The errors as text, with a space before each. Unknown flags are a number.
     pub fn errors_text(&self) -> String {
         let is_set = |bit: usize| self.errors >> bit & 1 != 0;
@@ -164,34 +173,15 @@ impl fmt::Display for CircuitStatus {
     }
 }
 
-/// equipment.hardpoint.Status: hardpoint u8 | newtons f16 | their variance f16 | status u16, which
-/// is 0 released, 1 and above held.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct HardpointStatus {
-    pub hardpoint: u8,
-    pub weight: f16,
-    pub weight_variance: f16,
-    pub status: u16,
-}
-
-impl HardpointStatus {
-    /// `None` unless the payload has seven bytes.
-    pub fn decode(payload: &[u8]) -> Option<HardpointStatus> {
-        let &[hardpoint, w0, w1, v0, v1, s0, s1] = payload else {
-            return None;
-        };
-        Some(HardpointStatus {
-            hardpoint,
-            weight: f16::from_le_bytes([w0, w1]),
-            weight_variance: f16::from_le_bytes([v0, v1]),
-            status: u16::from_le_bytes([s0, s1]),
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let numbers = [self.weight.to_le_bytes(), self.weight_variance.to_le_bytes()];
-        [&[self.hardpoint][..], &numbers.concat(), &self.status.to_le_bytes()].concat()
+numbers! {
+    /// equipment.hardpoint.Status: the weight is in newtons; a status of 0 is released, 1 and above
+    /// held.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct HardpointStatus {
+        pub hardpoint: u8,
+        pub weight: f16,
+        pub weight_variance: f16,
+        pub status: u16,
     }
 }
 
@@ -205,25 +195,12 @@ impl fmt::Display for HardpointStatus {
     }
 }
 
-/// equipment.hardpoint.Command: hardpoint u8 | command u16, which is 0 to release, 1 and above to
-/// hold.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct HardpointCommand {
-    pub hardpoint: u8,
-    pub command: u16,
-}
-
-impl HardpointCommand {
-    /// `None` unless the payload has three bytes.
-    pub fn decode(payload: &[u8]) -> Option<HardpointCommand> {
-        let &[hardpoint, low, high] = payload else { return None };
-        Some(HardpointCommand { hardpoint, command: u16::from_le_bytes([low, high]) })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let [low, high] = self.command.to_le_bytes();
-        vec![self.hardpoint, low, high]
+numbers! {
+    /// equipment.hardpoint.Command: a command of 0 is to release, 1 and above to hold.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct HardpointCommand {
+        pub hardpoint: u8,
+        pub command: u16,
     }
 }
 
@@ -299,34 +276,19 @@ impl fmt::Display for Temperature {
     }
 }
 
-/// dronecan.sensors.rpm.RPM: sensor u8 | flags u16 (1: not healthy) | revolutions a minute f32.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Rpm {
-    pub sensor: u8,
-    pub flags: u16,
-    pub rpm: f32,
+numbers! {
+    /// dronecan.sensors.rpm.RPM: revolutions a minute.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Rpm {
+        pub sensor: u8,
+        pub flags: u16,
+        pub rpm: f32,
+    }
 }
 
 impl Rpm {
     /// Flag: the sensor is not healthy.
     pub const UNHEALTHY: u16 = 1;
-
-    /// `None` unless the payload has seven bytes.
-    pub fn decode(payload: &[u8]) -> Option<Rpm> {
-        let &[sensor, f0, f1, r0, r1, r2, r3] = payload else {
-            return None;
-        };
-        Some(Rpm {
-            sensor,
-            flags: u16::from_le_bytes([f0, f1]),
-            rpm: f32::from_le_bytes([r0, r1, r2, r3]),
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        [&[self.sensor][..], &self.flags.to_le_bytes(), &self.rpm.to_le_bytes()].concat()
-    }
 
     /// The speed without a unit. Speeds below 100 have a decimal place.
     pub fn speed_text(&self) -> String {
@@ -345,59 +307,21 @@ impl fmt::Display for Rpm {
     }
 }
 
-/// dronecan.protocol.CanStats.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct CanStats {
-    pub interface: u8,
-    pub tx_requests: u32,
-    pub tx_rejected: u16,
-    pub tx_overflow: u16,
-    pub tx_success: u16,
-    pub tx_timedout: u16,
-    pub tx_abort: u16,
-    pub rx_received: u32,
-    pub rx_overflow: u16,
-    pub rx_errors: u16,
-    pub busoff_errors: u16,
-}
-
-impl CanStats {
-    /// `None` unless the payload has 25 bytes.
-    pub fn decode(payload: &[u8]) -> Option<CanStats> {
-        let &[interface, t0, t1, t2, t3, ref rest @ ..] = payload else {
-            return None;
-        };
-        let &[j0, j1, o0, o1, s0, s1, d0, d1, a0, a1, r0, r1, r2, r3, v0, v1, e0, e1, b0, b1] =
-            rest
-        else {
-            return None;
-        };
-        Some(CanStats {
-            interface,
-            tx_requests: u32::from_le_bytes([t0, t1, t2, t3]),
-            tx_rejected: u16::from_le_bytes([j0, j1]),
-            tx_overflow: u16::from_le_bytes([o0, o1]),
-            tx_success: u16::from_le_bytes([s0, s1]),
-            tx_timedout: u16::from_le_bytes([d0, d1]),
-            tx_abort: u16::from_le_bytes([a0, a1]),
-            rx_received: u32::from_le_bytes([r0, r1, r2, r3]),
-            rx_overflow: u16::from_le_bytes([v0, v1]),
-            rx_errors: u16::from_le_bytes([e0, e1]),
-            busoff_errors: u16::from_le_bytes([b0, b1]),
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = vec![self.interface];
-        payload.extend(self.tx_requests.to_le_bytes());
-        let tx =
-            [self.tx_rejected, self.tx_overflow, self.tx_success, self.tx_timedout, self.tx_abort];
-        payload.extend(tx.iter().flat_map(|count| count.to_le_bytes()));
-        payload.extend(self.rx_received.to_le_bytes());
-        let rest = [self.rx_overflow, self.rx_errors, self.busoff_errors];
-        payload.extend(rest.iter().flat_map(|count| count.to_le_bytes()));
-        payload
+numbers! {
+    /// dronecan.protocol.CanStats.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct CanStats {
+        pub interface: u8,
+        pub tx_requests: u32,
+        pub tx_rejected: u16,
+        pub tx_overflow: u16,
+        pub tx_success: u16,
+        pub tx_timedout: u16,
+        pub tx_abort: u16,
+        pub rx_received: u32,
+        pub rx_overflow: u16,
+        pub rx_errors: u16,
+        pub busoff_errors: u16,
     }
 }
 
@@ -492,25 +416,14 @@ impl fmt::Display for KeyValue {
     }
 }
 
-/// ardupilot.indication.Button: button u8 | time u8, in tenths of a second.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Button {
-    /// Number of the button; 1 is the safety switch.
-    pub button: u8,
-    /// How long it has been pressed, in tenths of a second.
-    pub tenths: u8,
-}
-
-impl Button {
-    /// `None` unless the payload has two bytes.
-    pub fn decode(payload: &[u8]) -> Option<Button> {
-        let &[button, tenths] = payload else { return None };
-        Some(Button { button, tenths })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        vec![self.button, self.tenths]
+numbers! {
+    /// ardupilot.indication.Button.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub struct Button {
+        /// Number of the button; 1 is the safety switch.
+        pub button: u8,
+        /// How long it has been pressed, in tenths of a second.
+        pub tenths: u8,
     }
 }
 

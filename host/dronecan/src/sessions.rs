@@ -1,5 +1,6 @@
 //! Incomplete transfers of several frames, in either dialect.
 
+use crate::crc;
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::time::Duration;
@@ -7,50 +8,113 @@ use std::time::Duration;
 /// Maximum number of incomplete transfers: 32 for each node.
 pub const SESSIONS_MAX: usize = 4096;
 
+/// Bytes of the CRC before the payload of several frames.
+const CRC_LEN: usize = 2;
+
+/// A frame of a transfer of several frames.
+pub struct Part<'a> {
+    /// Transfer ID.
+    pub id: u8,
+    /// Its place: a number that the dialect counts, from the first frame on.
+    pub place: u8,
+    pub is_full: bool,
+    pub is_last: bool,
+    pub bytes: &'a [u8],
+    /// When it ended.
+    pub at: Duration,
+}
+
 /// An incomplete transfer.
-pub struct Session<S> {
+struct Session {
     /// Number of sessions opened before it.
     number: u64,
     started_at: Duration,
-    /// The received part.
-    pub so_far: S,
+    /// Transfer ID.
+    id: u8,
+    /// Place that the next frame must have.
+    next: u8,
+    frames: usize,
+    stream: Vec<u8>,
 }
 
 /// All sessions of a bus, by what the frames of a transfer have in common. Of transfers that never
 /// end only the newest are kept.
-pub struct Sessions<K, S> {
-    open: HashMap<K, Session<S>>,
+pub struct Sessions<K> {
+    open: HashMap<K, Session>,
     opened: u64,
     /// Sessions that are not complete this long after their start time out.
     timeout: Duration,
+    /// Longest payload.
+    longest: usize,
 }
 
-impl<K: Copy + Eq + Hash, S> Sessions<K, S> {
+impl<K: Copy + Eq + Hash> Sessions<K> {
     /// No sessions.
-    pub fn new(timeout: Duration) -> Sessions<K, S> {
-        Sessions { open: HashMap::new(), opened: 0, timeout }
+    pub fn new(timeout: Duration, longest: usize) -> Sessions<K> {
+        Sessions { open: HashMap::new(), opened: 0, timeout, longest }
     }
 
-    /// Opens a session. Replaces the one with the same key.
-    pub fn open(&mut self, key: K, at: Duration, so_far: S) {
-        self.make_room(key, at);
-        self.open.insert(key, Session { number: self.opened, started_at: at, so_far });
+    /// Opens a session with its first frame. Replaces the one with the same key. `next` is the
+    /// place of the second frame.
+    pub fn open(&mut self, key: K, part: &Part, next: u8) {
+        self.make_room(key, part.at);
+        let session = Session {
+            number: self.opened,
+            started_at: part.at,
+            id: part.id,
+            next,
+            frames: 1,
+            stream: part.bytes.to_vec(),
+        };
+        self.open.insert(key, session);
         self.opened += 1;
     }
 
-    /// Removes and returns a session.
-    pub fn take(&mut self, key: &K) -> Option<Session<S>> {
-        self.open.remove(key)
+    /// Closes a session.
+    pub fn close(&mut self, key: &K) {
+        self.open.remove(key);
     }
 
-    /// Puts a session back that is to continue.
-    pub fn put_back(&mut self, key: K, session: Session<S>) {
-        self.open.insert(key, session);
-    }
-
-    /// True if the session has timed out.
-    pub fn is_late(&self, session: &Session<S>, at: Duration) -> bool {
-        at.saturating_sub(session.started_at) > self.timeout
+    /// Adds a frame to its session; `next` is the place of the one behind it. Returns the payload
+    /// and the number of frames of a transfer that is complete. Without a known seed the CRC cannot
+    /// be checked; an observer shows the transfer nevertheless.
+    ///
+    /// # Errors
+    /// If the frame does not continue its session, which closes it. The text has the reason.
+    pub fn go_on(
+        &mut self,
+        key: K,
+        part: &Part,
+        next: u8,
+        seed: impl FnOnce() -> Option<u16>,
+    ) -> Result<Option<(Vec<u8>, usize)>, &'static str> {
+        let mut session =
+            self.open.remove(&key).ok_or("continues a transfer that did not start")?;
+        if (session.id, session.next) != (part.id, part.place) {
+            return Err("a frame of the transfer is missing");
+        }
+        if part.at.saturating_sub(session.started_at) > self.timeout {
+            return Err("transfer timed out");
+        }
+        session.stream.extend_from_slice(part.bytes);
+        session.frames += 1;
+        session.next = next;
+        if !part.is_last && !part.is_full {
+            return Err("middle frame that is not full");
+        }
+        if session.stream.len() > self.longest + CRC_LEN {
+            return Err("transfer too long");
+        }
+        if !part.is_last {
+            self.open.insert(key, session);
+            return Ok(None);
+        }
+        let payload = session.stream.split_off(CRC_LEN);
+        let sent = u16::from_le_bytes([session.stream[0], session.stream[1]]);
+        if seed().is_some_and(|seed| crc::feed(seed, &payload) != sent) {
+            return Err("wrong transfer CRC");
+        }
+        Ok(Some((payload, session.frames)))
     }
 
     #[cfg(test)]

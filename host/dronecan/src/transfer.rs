@@ -9,7 +9,12 @@
 //! continue its session closes it. Repeated transfer IDs are not filtered, because an observer
 //! shows every frame.
 
-use super::{Frame, crc, id::CanId, sessions::Sessions, types::DataType};
+use super::{
+    Frame, crc,
+    id::CanId,
+    sessions::{Part, Sessions},
+    types::DataType,
+};
 use std::time::Duration;
 
 const START: u8 = 1 << 7;
@@ -104,19 +109,10 @@ pub fn frames(id: CanId, payload: &[u8], transfer_id: TransferId) -> Vec<Frame> 
     split(payload, transfer_id, seed).iter().map(|data| Frame::extended(id.build(), data)).collect()
 }
 
-/// A transfer that is not complete.
-struct SoFar {
-    transfer_id: TransferId,
-    /// Toggle bit that the next frame must have.
-    toggle: bool,
-    frames: usize,
-    stream: Vec<u8>,
-}
-
 /// Reassembles the transfers of all nodes on a bus. One session per identifier, because the frames
 /// of a transfer share it. Of incomplete transfers only the newest are kept.
 pub struct Assembler {
-    sessions: Sessions<CanId, SoFar>,
+    sessions: Sessions<CanId>,
 }
 
 impl Default for Assembler {
@@ -128,7 +124,7 @@ impl Default for Assembler {
 impl Assembler {
     /// An assembler without a session.
     pub fn new() -> Assembler {
-        Assembler { sessions: Sessions::new(TIMEOUT) }
+        Assembler { sessions: Sessions::new(TIMEOUT, PAYLOAD_MAX) }
     }
 
     /// Handles an extended data frame that ended at `at`. All times count from the same moment.
@@ -136,76 +132,43 @@ impl Assembler {
         let Some(id) = CanId::parse(id) else {
             return Outcome::Invalid("service frame of node 0");
         };
-        let Some((&tail, part)) = data.split_last() else {
+        let Some((&tail, bytes)) = data.split_last() else {
             return Outcome::Invalid("no tail byte");
         };
         let transfer_id = TransferId::new(tail);
-        let toggle = tail & TOGGLE != 0;
-        match (tail & START != 0, tail & END != 0) {
-            (true, _) if toggle => Outcome::Invalid("start frame with the toggle bit set"),
+        let part = Part {
+            id: transfer_id.get(),
+            place: u8::from(tail & TOGGLE != 0),
+            is_full: bytes.len() == FRAME_PAYLOAD,
+            is_last: tail & END != 0,
+            bytes,
+            at,
+        };
+        match (tail & START != 0, part.is_last) {
+            (true, _) if part.place != 0 => Outcome::Invalid("start frame with the toggle bit set"),
             (true, true) => {
-                self.sessions.take(&id);
-                Outcome::Complete(Transfer { id, transfer_id, payload: part.to_vec(), frames: 1 })
+                self.sessions.close(&id);
+                Outcome::Complete(Transfer { id, transfer_id, payload: bytes.to_vec(), frames: 1 })
             }
             (true, false) if matches!(id, CanId::Anonymous { .. }) => {
                 Outcome::Invalid("anonymous transfer of several frames")
             }
-            (true, false) if part.len() < FRAME_PAYLOAD => {
-                Outcome::Invalid("start frame that is not full")
-            }
+            (true, false) if !part.is_full => Outcome::Invalid("start frame that is not full"),
             (true, false) => {
-                let so_far = SoFar { transfer_id, toggle: true, frames: 1, stream: part.to_vec() };
-                self.sessions.open(id, at, so_far);
+                self.sessions.open(id, &part, 1);
                 Outcome::Partial
             }
-            (false, end) => self.go_on(id, transfer_id, toggle, end, part, at),
-        }
-    }
-
-    fn go_on(
-        &mut self,
-        id: CanId,
-        transfer_id: TransferId,
-        toggle: bool,
-        end: bool,
-        part: &[u8],
-        at: Duration,
-    ) -> Outcome {
-        let Some(mut session) = self.sessions.take(&id) else {
-            return Outcome::Invalid("continues a transfer that did not start");
-        };
-        let so_far = &session.so_far;
-        if so_far.transfer_id != transfer_id || so_far.toggle != toggle {
-            return Outcome::Invalid("a frame of the transfer is missing");
-        }
-        if self.sessions.is_late(&session, at) {
-            return Outcome::Invalid("transfer timed out");
-        }
-        let so_far = &mut session.so_far;
-        so_far.stream.extend_from_slice(part);
-        so_far.frames += 1;
-        so_far.toggle = !toggle;
-        if !end {
-            if part.len() < FRAME_PAYLOAD {
-                return Outcome::Invalid("middle frame that is not full");
+            (false, _) => {
+                let seed = || DataType::of(id).and_then(|data_type| data_type.seed);
+                match self.sessions.go_on(id, &part, 1 - part.place, seed) {
+                    Ok(None) => Outcome::Partial,
+                    Ok(Some((payload, frames))) => {
+                        Outcome::Complete(Transfer { id, transfer_id, payload, frames })
+                    }
+                    Err(reason) => Outcome::Invalid(reason),
+                }
             }
-            if so_far.stream.len() > PAYLOAD_MAX {
-                return Outcome::Invalid("transfer too long");
-            }
-            self.sessions.put_back(id, session);
-            return Outcome::Partial;
         }
-        let payload = so_far.stream.split_off(2);
-        let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // Without a known seed the CRC cannot be checked; an observer shows the transfer
-        // nevertheless.
-        if let Some(data_type) = DataType::of(id)
-            && let Some(seed) = data_type.seed
-            && crc::feed(seed, &payload) != sent_crc
-        {
-            return Outcome::Invalid("wrong transfer CRC");
-        }
-        Outcome::Complete(Transfer { id, transfer_id, payload, frames: session.so_far.frames })
     }
 }
 

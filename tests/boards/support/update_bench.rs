@@ -11,7 +11,6 @@ use bench::avr::{Avr, Firmware, ResetCause};
 use bench::board::Board;
 use bench::can::{Event, Frame, Id, SoftNode};
 use bench::dronecan::{Assembler, CanId, NodeId, Outcome, Transfer, TransferId, crc, split};
-use bench::wiring::Wiring;
 use bench::{Bench, bootloader, eeprom_after_first_start};
 use rig::MS;
 

@@ -10,7 +10,7 @@
 
 use super::id::{CanId, INDEX_MAX, TransferId, TransferType};
 use super::types::DataType;
-use crate::sessions::Sessions;
+use crate::sessions::{Part, Sessions};
 use crate::{Frame, NodeId, crc};
 use std::time::Duration;
 
@@ -130,18 +130,10 @@ pub enum Outcome {
 /// What the frames of a transfer have in common except for the transfer ID.
 type Key = (u16, NodeId, Route);
 
-/// A transfer that is not complete.
-struct SoFar {
-    transfer_id: TransferId,
-    /// Index that the next frame must have.
-    next: u8,
-    stream: Vec<u8>,
-}
-
 /// Reassembles the transfers of all nodes on a bus, with one session for each sender, data type and
 /// destination. Of incomplete transfers only the newest are kept.
 pub struct Assembler {
-    sessions: Sessions<Key, SoFar>,
+    sessions: Sessions<Key>,
 }
 
 impl Default for Assembler {
@@ -153,7 +145,7 @@ impl Default for Assembler {
 impl Assembler {
     /// An assembler without a session.
     pub fn new() -> Assembler {
-        Assembler { sessions: Sessions::new(TIMEOUT) }
+        Assembler { sessions: Sessions::new(TIMEOUT, PAYLOAD_MAX) }
     }
 
     /// Handles an extended data frame that ended at `at`. All times count from the same moment.
@@ -161,13 +153,13 @@ impl Assembler {
         let Some(id) = CanId::parse(id) else {
             return Outcome::Invalid("forbidden identifier");
         };
-        let (destination, part) = match data.split_first() {
+        let (destination, bytes) = match data.split_first() {
             _ if !id.transfer_type.has_destination() => (None, data),
             None => return Outcome::Invalid("no destination"),
             Some((node, _)) if node & DESTINATION_RESERVED != 0 => {
                 return Outcome::Invalid("no valid destination");
             }
-            Some((node, part)) => (NodeId::new(*node), part),
+            Some((node, bytes)) => (NodeId::new(*node), bytes),
         };
         let Some(route) = Route::of(id.transfer_type, destination) else {
             return Outcome::Invalid("no valid destination");
@@ -176,62 +168,42 @@ impl Assembler {
             return Outcome::Invalid("to its own sender");
         }
         let key = (id.type_id, id.source, route);
+        let transfer = |payload| Transfer {
+            type_id: id.type_id,
+            source: id.source,
+            route,
+            transfer_id: id.transfer_id,
+            payload,
+        };
+        let part = Part {
+            id: id.transfer_id.get(),
+            place: id.index,
+            is_full: data.len() == FRAME_DATA,
+            is_last: id.last,
+            bytes,
+            at,
+        };
         match (id.index, id.last) {
             (0, true) => {
-                self.sessions.take(&key);
-                Outcome::Complete(transfer(key, id.transfer_id, part.to_vec()))
+                self.sessions.close(&key);
+                Outcome::Complete(transfer(bytes.to_vec()))
             }
-            (0, false) if data.len() < FRAME_DATA => {
-                Outcome::Invalid("start frame that is not full")
-            }
+            (0, false) if !part.is_full => Outcome::Invalid("start frame that is not full"),
             (0, false) => {
-                let so_far = SoFar { transfer_id: id.transfer_id, next: 1, stream: part.to_vec() };
-                self.sessions.open(key, at, so_far);
+                self.sessions.open(key, &part, 1);
                 Outcome::Partial
             }
-            _ => self.go_on(key, id, data.len() == FRAME_DATA, part, at),
-        }
-    }
-
-    fn go_on(&mut self, key: Key, id: CanId, full: bool, part: &[u8], at: Duration) -> Outcome {
-        let Some(mut session) = self.sessions.take(&key) else {
-            return Outcome::Invalid("continues a transfer that did not start");
-        };
-        let so_far = &session.so_far;
-        if so_far.transfer_id != id.transfer_id || so_far.next != id.index {
-            return Outcome::Invalid("a frame of the transfer is missing");
-        }
-        if self.sessions.is_late(&session, at) {
-            return Outcome::Invalid("transfer timed out");
-        }
-        let so_far = &mut session.so_far;
-        so_far.stream.extend_from_slice(part);
-        so_far.next += 1;
-        if !id.last {
-            if !full {
-                return Outcome::Invalid("middle frame that is not full");
+            _ => {
+                let seed =
+                    || DataType::of(id.type_id, id.transfer_type).and_then(|known| known.seed);
+                match self.sessions.go_on(key, &part, id.index + 1, seed) {
+                    Ok(None) => Outcome::Partial,
+                    Ok(Some((payload, _))) => Outcome::Complete(transfer(payload)),
+                    Err(reason) => Outcome::Invalid(reason),
+                }
             }
-            self.sessions.put_back(key, session);
-            return Outcome::Partial;
         }
-        let payload = so_far.stream.split_off(CRC_LEN);
-        if payload.len() > PAYLOAD_MAX {
-            return Outcome::Invalid("transfer too long");
-        }
-        let sent_crc = u16::from_le_bytes([so_far.stream[0], so_far.stream[1]]);
-        // Without a known seed the CRC cannot be checked; an observer shows the transfer
-        // nevertheless.
-        if let Some(seed) = DataType::of(id.type_id, id.transfer_type).and_then(|known| known.seed)
-            && crc::feed(seed, &payload) != sent_crc
-        {
-            return Outcome::Invalid("wrong transfer CRC");
-        }
-        Outcome::Complete(transfer(key, id.transfer_id, payload))
     }
-}
-
-fn transfer((type_id, source, route): Key, transfer_id: TransferId, payload: Vec<u8>) -> Transfer {
-    Transfer { type_id, source, route, transfer_id, payload }
 }
 
 #[cfg(test)]
