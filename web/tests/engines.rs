@@ -4,6 +4,7 @@
 //! `CROSS_SECONDS` is the simulated time of each program, 3 by default, and `CROSS_SEED` the seed
 //! of the traffic. `make cross-check` runs longer than `make test`.
 
+#[macro_use]
 mod trace;
 
 use bench::avr::{Avr, Engine, Firmware};
@@ -22,31 +23,7 @@ fn compare(board: &str, preset: &str, traffic: &str) {
         let kind = Traffic::named(traffic).expect("a traffic");
         scenario::run(avr, &firmware, kind, seconds, seed).expect("a possible wiring")
     });
-    for kind in ["frame", "pulse", "serial", "eeprom"] {
-        let count = simavr.lines().filter(|line| line.starts_with(kind)).count();
-        println!("{board} {preset}: {count} {kind} lines");
-        // The preset remote has no serial monitor.
-        assert!(count > 0 || (kind, preset) == ("serial", "remote"), "no {kind}");
-    }
     assert_equal(preset, ("own", &own), ("simavr", &simavr));
 }
 
-#[test]
-fn default_runs_alike_on_both_engines() {
-    compare("diecimila", "default", "ardupilot");
-}
-
-#[test]
-fn remote_runs_alike_on_both_engines() {
-    compare("diecimila", "remote", "px4");
-}
-
-#[test]
-fn thesis_runs_alike_on_both_engines() {
-    compare("diecimila", "thesis", "thesis");
-}
-
-#[test]
-fn full_runs_alike_on_both_engines() {
-    compare("uno", "full", "ardupilot");
-}
+each_program!(compare);

@@ -16,5 +16,4 @@ mod boards;
 mod opcodes;
 mod own_node;
 mod own_node_uno;
-mod programs_on_core;
 mod third_party;

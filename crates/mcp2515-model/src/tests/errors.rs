@@ -52,8 +52,7 @@ fn watch(bench: &mut Bench, mut done: impl FnMut(u8, u8) -> bool) -> Vec<u8> {
 fn a_lone_sender_becomes_error_passive_and_stays_on_the_bus() {
     let mut bench = Bench::normal();
     bench.unplug_peer();
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     let seen = watch(&mut bench, |tec, _| tec >= 128);
     assert_eq!(seen, [0, TXWAR | EWARN, TXWAR | EWARN | TXEP]);
     assert_eq!(bench.chip.borrow().error_state(), ErrorState::Passive);
@@ -66,8 +65,7 @@ fn a_lone_sender_becomes_error_passive_and_stays_on_the_bus() {
 fn error_flags_are_reset_below_their_limits() {
     let mut bench = Bench::normal();
     bench.unplug_peer();
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     watch(&mut bench, |tec, _| tec >= 128);
     bench.bus.connect(bench.peer_port, true);
     bench.run_bits(FRAME_BITS);
@@ -145,8 +143,7 @@ fn a_reset_ends_bus_off() {
     bench.assert_register(EFLG, 0);
     bench.set_up();
     bench.enter(NORMAL);
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     bench.run_bits(FRAME_BITS);
     assert_eq!(bench.peer_received().len(), 1);
 }
@@ -169,8 +166,7 @@ fn configuration_mode_can_be_entered_in_bus_off_after_an_abort() {
 fn each_change_of_the_error_state_raises_errif() {
     let mut bench = Bench::normal();
     bench.unplug_peer();
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     watch(&mut bench, |tec, _| tec >= 88);
     assert_eq!(bench.read(CANINTF) & ERRIF, 0);
     watch(&mut bench, |tec, _| tec >= 96);

@@ -291,8 +291,7 @@ fn a_status_byte_does_not_show_what_happens_while_it_is_shifted_out() {
 /// A chip that has just got a request to send a frame.
 fn sending() -> Bench {
     let mut bench = Bench::normal();
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     bench
 }
 

@@ -110,8 +110,7 @@ fn pending_transmissions_are_finished_before_the_mode_changes() {
 fn an_abort_completes_a_waiting_mode_change() {
     let mut bench = Bench::normal();
     bench.unplug_peer();
-    bench.load(0, 0x111, &[1]);
-    bench.rts(1);
+    bench.send(0x111, &[1]);
     bench.request(CONFIGURATION);
     bench.run_bits(1_000);
     assert_eq!(bench.mode(), Mode::Normal);
@@ -188,8 +187,7 @@ fn configuration_mode_clears_the_error_counters() {
 fn a_request_made_in_configuration_mode_is_sent_in_normal_mode() {
     let mut bench = Bench::new();
     bench.set_up();
-    bench.load(0, 0x111, &[1]);
-    bench.rts(1);
+    bench.send(0x111, &[1]);
     bench.run_bits(FRAME_BITS);
     assert!(bench.peer_received().is_empty());
     bench.enter(NORMAL);
@@ -220,8 +218,7 @@ fn loopback_applies_the_filters() {
     bench.set_up();
     bench.write(RXM0, &[0xFF, 0xE0, 0, 0, 0xFF, 0xE0, 0, 0]);
     bench.enter(LOOPBACK);
-    bench.load(0, 0x123, &[1]);
-    bench.rts(1);
+    bench.send(0x123, &[1]);
     bench.run_bits(FRAME_BITS);
     bench.assert_register(CANINTF, TX0IF);
 }
@@ -322,8 +319,7 @@ fn listen_only_receives_a_broken_frame() {
 #[test]
 fn listen_only_sends_nothing_and_counts_no_errors() {
     let mut bench = Bench::in_mode(LISTEN_ONLY);
-    bench.load(0, 0x111, &[1]);
-    bench.rts(1);
+    bench.send(0x111, &[1]);
     bench.bus.inject(can_model::Fault::StuckDominant(true));
     bench.run_bits(300);
     bench.bus.clear_faults();
@@ -408,8 +404,7 @@ fn a_slower_crystal_takes_longer_to_start_after_reset() {
 fn loopback_mode_keeps_the_error_counters_and_configuration_mode_clears_them() {
     let mut bench = Bench::normal();
     bench.unplug_peer();
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     bench.run_bits(100);
     bench.modify(CANCTRL, ABAT, ABAT);
     bench.run_bits(FRAME_BITS);

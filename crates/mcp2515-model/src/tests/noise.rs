@@ -56,8 +56,7 @@ fn after_any_noise_a_reset_restores_the_chip() {
         bench.peer_received();
         bench.run_bits(128 * 11 + 10 * FRAME_BITS);
         bench.write(CANINTF, &[0]);
-        bench.load(0, 0x123, &[1]);
-        bench.rts(1);
+        bench.send(0x123, &[1]);
         bench.peer_sends(&[Frame::standard(0x321, &[2])]);
         bench.run_bits(FRAME_BITS);
         assert_eq!(bench.peer_received(), [Frame::standard(0x123, &[1])]);

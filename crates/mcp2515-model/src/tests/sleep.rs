@@ -137,8 +137,7 @@ fn a_reset_wakes_the_chip_after_the_start_up_time() {
 #[test]
 fn a_transmit_request_in_sleep_waits() {
     let mut bench = asleep(true);
-    bench.load(0, 0x111, &[]);
-    bench.rts(1);
+    bench.send(0x111, &[]);
     bench.run_bits(FRAME_BITS);
     assert!(bench.peer_received().is_empty());
     bench.modify(CANINTF, WAKIF, WAKIF);

@@ -5,7 +5,7 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use super::super::{Mcp2515, Mode};
-use can_model::{Bus, Frame, PortId, SoftNode};
+use can_model::{Bus, Frame, Id, PortId, SoftNode};
 use sim_base::Cycles;
 
 pub const BFPCTRL: u8 = 0x0C;
@@ -212,6 +212,11 @@ impl Bench {
         received.into_iter().map(|(_, frame)| frame).collect()
     }
 
+    /// The identifiers of these.
+    pub fn peer_ids(&mut self) -> Vec<Id> {
+        self.peer_received().into_iter().map(|frame| frame.id).collect()
+    }
+
     /// Fills transmit buffer `n` with a standard data frame, without sending it.
     pub fn load(&mut self, n: u8, id: u16, data: &[u8]) {
         let mut bytes =
@@ -229,6 +234,19 @@ impl Bench {
     /// Sends RTS for the buffers of the mask.
     pub fn rts(&mut self, mask: u8) {
         self.spi(&[0x80 | mask]);
+    }
+
+    /// Requests a standard data frame from buffer 0.
+    pub fn send(&mut self, id: u16, data: &[u8]) {
+        self.load(0, id, data);
+        self.rts(1);
+    }
+
+    /// Aborts all frames, or the one of buffer 0 by its TXREQ.
+    pub fn abort(&mut self, by_abat: bool) {
+        let (register, mask, value) =
+            if by_abat { (CANCTRL, ABAT, ABAT) } else { (TXB0CTRL, TXREQ, 0) };
+        self.modify(register, mask, value);
     }
 
     /// The peer begins a frame; returns after its first few bits.

@@ -81,7 +81,7 @@ fn buffers_go_in_the_order_of_their_priority() {
         }
         bench.rts(0b111);
         bench.run_bits(3 * FRAME_BITS);
-        let ids: Vec<_> = bench.peer_received().into_iter().map(|frame| frame.id).collect();
+        let ids = bench.peer_ids();
         let mut sorted = priorities;
         sorted.sort_unstable_by(|a, b| b.cmp(a));
         assert_eq!(ids, sorted.map(|txp| Id::Standard(0x100 + u16::from(txp))));
@@ -99,8 +99,7 @@ fn the_highest_buffer_number_breaks_a_tie() {
         bench.rts(1 << n);
     }
     bench.run_bits(3 * FRAME_BITS);
-    let ids: Vec<_> = bench.peer_received().into_iter().map(|frame| frame.id).collect();
-    assert_eq!(ids, [0x102, 0x101, 0x100].map(Id::Standard));
+    assert_eq!(bench.peer_ids(), [0x102, 0x101, 0x100].map(Id::Standard));
 }
 
 /// DS20001801J 3.2: priorities are compared again before each start of frame.
@@ -114,8 +113,7 @@ fn a_later_request_of_higher_priority_is_sent_first() {
     bench.load(2, 0x102, &[]);
     bench.write(0x50, &[TXREQ | 1]);
     bench.run_bits(3 * FRAME_BITS);
-    let ids: Vec<_> = bench.peer_received().into_iter().map(|frame| frame.id).collect();
-    assert_eq!(ids, [0x101, 0x102, 0x100].map(Id::Standard));
+    assert_eq!(bench.peer_ids(), [0x101, 0x102, 0x100].map(Id::Standard));
 }
 
 /// DS20001801J 3.2: TXP may be changed while the frame waits.
@@ -128,8 +126,7 @@ fn the_priority_of_a_waiting_frame_can_be_changed() {
     bench.rts(0b011);
     bench.modify(TXB0CTRL, 0x03, 0x03);
     bench.run_bits(3 * FRAME_BITS);
-    let ids: Vec<_> = bench.peer_received().into_iter().map(|frame| frame.id).collect();
-    assert_eq!(ids, [0x100, 0x101].map(Id::Standard));
+    assert_eq!(bench.peer_ids(), [0x100, 0x101].map(Id::Standard));
 }
 
 /// DS20001801J 3.1: TXREQ must be clear before the buffer is written.
@@ -138,8 +135,7 @@ fn a_pending_buffer_rejects_writes() {
     for (instruction, name) in [(0x40, "TXB0SIDH"), (0x41, "TXB0D0")] {
         let mut bench = Bench::normal();
         bench.occupy_bus();
-        bench.load(0, 0x123, &[1, 2]);
-        bench.rts(1);
+        bench.send(0x123, &[1, 2]);
         bench.spi(&[instruction, 0xAA, 0xAA]);
         bench.run_bits(2 * FRAME_BITS);
         assert_eq!(bench.peer_received(), [Frame::standard(0x123, &[1, 2])]);
@@ -179,8 +175,7 @@ fn a_free_buffer_can_be_loaded_while_another_is_sent() {
 fn clearing_txreq_aborts_a_waiting_frame() {
     let mut bench = Bench::normal();
     bench.occupy_bus();
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     bench.modify(TXB0CTRL, TXREQ, 0);
     bench.assert_register(TXB0CTRL, 0);
     bench.run_bits(2 * FRAME_BITS);
@@ -219,11 +214,7 @@ fn an_abort_lets_the_frame_on_the_bus_finish() {
         bench.load(0, 0x123, &[0x55; 8]);
         bench.rts(1);
         bench.run_bits(20);
-        if by_abat {
-            bench.modify(CANCTRL, ABAT, ABAT);
-        } else {
-            bench.modify(TXB0CTRL, TXREQ, 0);
-        }
+        bench.abort(by_abat);
         bench.assert_register(TXB0CTRL, TXREQ);
         bench.run_bits(FRAME_BITS);
         assert_eq!(bench.peer_received().len(), 1);
@@ -241,11 +232,7 @@ fn an_abort_prevents_the_next_attempt() {
         bench.load(0, 0x123, &[0x55; 8]);
         bench.rts(1);
         bench.run_bits(20);
-        if by_abat {
-            bench.modify(CANCTRL, ABAT, ABAT);
-        } else {
-            bench.modify(TXB0CTRL, TXREQ, 0);
-        }
+        bench.abort(by_abat);
         bench.run_bits(FRAME_BITS);
         bench.assert_register(TXB0CTRL, flags);
         bench.assert_register(TEC, 8);
@@ -271,8 +258,7 @@ fn a_new_request_cancels_a_pending_abort() {
 fn a_request_under_abat_is_aborted_and_a_violation() {
     let mut bench = Bench::normal();
     bench.modify(CANCTRL, ABAT, ABAT);
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     bench.assert_register(TXB0CTRL, ABTF);
     bench.assert_violation(&["TXB0CTRL", "ABAT", "3.6"]);
 }
@@ -283,8 +269,7 @@ fn lose_arbitration(canctrl: u8) -> Bench {
     let mut bench = Bench::normal();
     bench.modify(CANCTRL, OSM, canctrl);
     bench.occupy_bus();
-    bench.load(0, 0x400, &[]);
-    bench.rts(1);
+    bench.send(0x400, &[]);
     bench.peer.borrow_mut().send(Frame::standard(0x001, &[1]));
     for _ in 0..FRAME_BITS {
         bench.run_bits(1);
@@ -313,8 +298,7 @@ fn the_frame_that_won_is_received() {
     let mut bench = Bench::normal();
     bench.write(RXB0CTRL, &[BUKT]);
     bench.occupy_bus();
-    bench.load(0, 0x400, &[]);
-    bench.rts(1);
+    bench.send(0x400, &[]);
     bench.peer_sends(&[Frame::standard(0x001, &[1])]);
     assert_eq!(bench.read(CANINTF) & (RX0IF | RX1IF), RX0IF | RX1IF);
     assert_eq!(bench.read_many(RXB1SIDH, 2), [0x00, 0x20]);
@@ -335,8 +319,7 @@ fn one_shot_does_not_repeat_after_lost_arbitration() {
 fn a_bus_error_is_flagged_and_the_frame_repeated() {
     let mut bench = Bench::normal();
     bench.unplug_peer();
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     bench.run_bits(100);
     bench.assert_register(TXB0CTRL, TXREQ | TXERR);
     assert_eq!(bench.read(CANINTF) & (TX0IF | MERRF), MERRF);
@@ -384,8 +367,7 @@ fn one_shot_does_not_repeat_after_an_error() {
 fn one_shot_sends_as_usual() {
     let mut bench = Bench::normal();
     bench.modify(CANCTRL, OSM, OSM);
-    bench.load(0, 0x123, &[]);
-    bench.rts(1);
+    bench.send(0x123, &[]);
     bench.run_bits(FRAME_BITS);
     bench.assert_register(TXB0CTRL, 0);
     bench.assert_register(CANINTF, TX0IF);
