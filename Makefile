@@ -197,9 +197,8 @@ test-programs: setup-simavr
 test-host: test-programs firmwares
 	nice cargo test $(TESTED)
 	nice cargo test $(TESTED) -p web --test engines
-	nice scripts/bounds
-	nice scripts/bounds --boot
-	nice scripts/bounds $(UNO) full
+	export AVR_BOUNDS='$(abspath $(TARGET_DIR))/debug/avr-bounds'; nice scripts/bounds && \
+		nice scripts/bounds --boot && nice scripts/bounds $(UNO) full
 	nice cargo test $(TESTED) --test judge -- --nocapture
 	scripts/docs --measured
 	scripts/budget-page --check
