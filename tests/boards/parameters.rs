@@ -234,7 +234,10 @@ fn the_longest_save_ends_long_before_a_client_gives_up() {
         parameters().iter().map(|&(name, default, ..)| (name, default)).collect();
     let again_ms = ms_of_save(&mut rig, &defaults);
     println!("{again_ms} ms");
-    assert!(again_ms < limit_ms, "at once after another one it took {again_ms:.1} ms");
+    assert!(
+        again_ms < limit_ms,
+        "a SAVE at once after another one took {again_ms:.1} ms, and the limit is {limit_ms}"
+    );
 }
 
 #[test]
@@ -248,7 +251,10 @@ fn a_save_of_up_to_three_parameters_takes_a_tenth_of_a_second_at_most() {
         let values = [("OUT1_MAX", 1000 + n), ("OUT1_TIMEOUT", 9000 - n), ("TEMP_ID", 0x5A5A + n)];
         let took_ms = ms_of_save(&mut rig, &values[..count]);
         println!("{took_ms} ms");
-        assert!(took_ms < 100.0, "{count} changed parameters: {took_ms} ms");
+        assert!(
+            took_ms < 100.0,
+            "a SAVE of {count} changed parameters took {took_ms} ms, and the limit is 100"
+        );
         rig.run_ms(REST_MS);
     }
 }
@@ -326,7 +332,10 @@ fn a_power_cut_at_any_byte_of_a_save_leaves_the_old_or_the_new_set() {
         delay += STEP;
     }
     println!("{old} cuts left the old set, {new} the new one");
-    assert!(old > 20 && new >= 1, "the cuts must cover the whole save");
+    assert!(
+        old > 20 && new >= 1,
+        "the cuts must cover the whole save: {old} left the old set, {new} the new one"
+    );
 }
 
 /// Positions at which two EEPROMs differ.
