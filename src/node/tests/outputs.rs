@@ -71,6 +71,7 @@ fn ids_that_differ_by_16_are_told_apart() {
     }
     rig.widths(&[(5, 1100), (21, 1200), (37, 1300), (255, 1400), (239, 1500), (53, 1900)]);
     assert_eq!(rig.servos_us()[..5], [1100, 1200, 1300, 1400, 1500]);
+    assert_eq!(rig.program.node.health().counts.followed, 1, "a command of several entries");
 }
 
 /// The lines of the serial monitor about superseded commands.
@@ -359,6 +360,19 @@ fn commands_above_idle_that_are_refused_for_two_seconds_because_nobody_armed_are
     }
     assert_eq!(rig.code(), 0);
     assert_eq!(told(&rig)[1..], [(1, "over: commands refused: disarmed".to_string())]);
+}
+
+/// They are looked at one after the other.
+#[cfg(feature = "log")]
+#[test]
+fn outputs_that_fail_together_are_named_together() {
+    let mut rig = hub();
+    rig.widths(&[(1, 1500), (3, 1500), (8, 1500)]);
+    rig.run(2000);
+    rig.widths(&[(3, 1500)]);
+    rig.run(1000);
+    let texts = ["FAILSAFE: no commands", "FAILSAFE of output 138", "FAILSAFE of output 18"];
+    assert_eq!(told(&rig), texts.map(|text| (2, text.to_string())));
 }
 
 #[test]
