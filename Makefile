@@ -381,7 +381,7 @@ soak: setup-simavr firmware boot
 	$(ON_CORE) SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
 # All features, or what is not compiled would survive. .cargo/mutants.toml leaves out slow tests.
 MUTANTS = $(TOOLS)/bin/cargo-mutants mutants --jobs 2 --timeout 60 --build-timeout 100 $(ARGS)
-## put mistakes into the sources that the unit tests must notice: hours
+## put mistakes into the sources that the unit tests must notice, or the tests on boards: hours
 mutants: $(TOOLS)/bin/cargo-mutants
 	$(MUTANTS) -p servo-node --features full --cargo-arg=--lib --output $(TARGET_DIR)/mutants/node \
 		-- -- --skip monitor::lines::tests
