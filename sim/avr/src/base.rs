@@ -10,7 +10,10 @@ use anyhow::Result;
 
 use super::chip::Chip;
 use super::core::{Core, Engine};
-use super::processor::Violation;
+pub(super) use super::engine::Timer;
+use super::own::Own;
+use super::pins::Pins;
+use super::processor::{PinWatcher, Violation};
 use super::regs;
 use super::silicon::Silicon;
 use super::unmodelled::Unmodelled;
@@ -28,45 +31,6 @@ const SBI: u16 = 0x9A00;
 const CBI: u16 = 0x9800;
 const SBIC: u16 = 0x9900;
 const SBIS: u16 = 0x9B00;
-
-macro_rules! timers {
-    ($($(#[$doc:meta])* $name:ident,)*) => {
-        /// A timer of a model. It has at most one expiry time.
-        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-        pub(super) enum Timer {
-            $($(#[$doc])* $name,)*
-        }
-
-        impl Timer {
-            /// All timers, in the order of their numbers.
-            pub const ALL: [Timer; Timer::COUNT] = [$(Timer::$name),*];
-            pub const COUNT: usize = [$(stringify!($name)),*].len();
-        }
-    };
-}
-
-timers! {
-    Spi,
-    UartSend,
-    UartReceive,
-    Eeprom,
-    Spm,
-    Twi,
-    /// Timer0, and so on.
-    Counter0,
-    Counter1,
-    Counter2,
-    /// Input capture of Timer1.
-    Capture,
-    /// Of the own engine.
-    Watchdog,
-    /// Of the own engine.
-    Adc,
-    /// The clocks start after a sleep.
-    Wake,
-    /// End of a run on simavr.
-    Stop,
-}
 
 /// The model of a peripheral. The machine calls it for its registers, its timers and resets.
 ///
@@ -115,6 +79,7 @@ pub(super) trait Peripheral {
 /// The core, the time, timers and violations of a chip.
 pub(super) struct Base {
     pub core: Core,
+    pub pins: Pins,
     pub silicon: Rc<Cell<Silicon>>,
     /// Time of the last reset. simavr counts from 0 after each reset.
     last_reset: Cell<Cycles>,
@@ -130,9 +95,10 @@ pub(super) struct Base {
 
 impl Base {
     /// A core without hooks.
-    pub fn new(engine: Engine, chip: Chip) -> Result<Base> {
+    pub fn new(engine: Engine, chip: Chip, pins: Pins) -> Result<Base> {
         Ok(Base {
             core: Core::new(engine, chip)?,
+            pins,
             silicon: Rc::default(),
             last_reset: Cell::new(0),
             violations: RefCell::default(),
@@ -164,7 +130,7 @@ impl Base {
     /// change and external interrupts.
     pub fn drive_pin(&self, port: usize, bit: u8, level: bool) {
         match &self.core {
-            Core::Own(own) => own.update_pins(self, port),
+            Core::Own(own) => self.update_pins(own, port),
             Core::Simavr(simavr) => simavr.drive_pin(port, bit, level),
         }
     }
@@ -173,7 +139,7 @@ impl Base {
     /// pin change and external interrupts if the level changes.
     pub fn hold_pin(&self, port: usize, bit: u8, level: bool) {
         match &self.core {
-            Core::Own(own) => own.update_pins(self, port),
+            Core::Own(own) => self.update_pins(own, port),
             Core::Simavr(simavr) => simavr.hold_pin(port, bit, level),
         }
     }
@@ -182,6 +148,53 @@ impl Base {
     pub fn release_pin(&self, port: usize, bit: u8) {
         if let Core::Simavr(simavr) = &self.core {
             simavr.release_pin(port, bit);
+        }
+    }
+
+    /// Tells the own engine the levels of a port's pins, some of which may have changed.
+    fn update_pins(&self, own: &Own, port: usize) {
+        let changed = own.set_levels(port, self.pins.levels(&self.core, port));
+        if changed != 0 {
+            self.check_watches(port, changed);
+        }
+    }
+
+    /// Calls the watchers of pins of a port whose levels have changed, of those in `mask`.
+    pub fn check_watches(&self, port: usize, mask: u8) {
+        self.pins.check_watches(&self.core, self.now(), port, mask);
+    }
+
+    /// Calls `watcher` at each change of the pin from now on.
+    pub fn watch_pin(&self, port: usize, bit: u8, watcher: PinWatcher) {
+        self.pins.watch(&self.core, port, bit, watcher);
+    }
+
+    /// Drives a pin from outside; `None` stops driving it.
+    pub fn drive_from_outside(&self, port: usize, bit: u8, level: Option<bool>) {
+        let (driven, levels) = self.pins.set_outside(port, bit, level);
+        if let Some(simavr) = self.core.simavr() {
+            simavr.set_external(port, driven, levels);
+        }
+        self.apply_outside(port, bit);
+    }
+
+    /// Drives the pins again after a reset, which makes all pins inputs and clears the levels from
+    /// outside in simavr.
+    pub fn reapply_pins(&self) {
+        for port in 0..3 {
+            let driven = self.pins.driven_outside(port);
+            (0..8)
+                .filter(|bit| driven & 1 << bit != 0)
+                .for_each(|bit| self.apply_outside(port, bit));
+        }
+        (0..3).for_each(|port| self.check_watches(port, 0xFF));
+    }
+
+    /// Applies the level of an input. Does nothing for an output, because simavr would take the
+    /// level for the output's.
+    fn apply_outside(&self, port: usize, bit: u8) {
+        if self.core.get(regs::port_register(port) - 1) & 1 << bit == 0 {
+            self.drive_pin(port, bit, self.pins.level(&self.core, port, bit));
         }
     }
 
@@ -298,7 +311,17 @@ impl Base {
     /// Calls the engine's own write handler of a register.
     pub fn forward(&self, address: u16, value: u8) {
         match &self.core {
-            Core::Own(own) => own.store(self, address, value),
+            Core::Own(own) => {
+                let is_pcifr = address == regs::PCIFR;
+                own.store(address, if is_pcifr { self.with_single_bit(value) } else { value });
+                match address {
+                    regs::PINB..=regs::PORTD => {
+                        self.update_pins(own, usize::from((address - regs::PINB) / 3));
+                    }
+                    regs::MCUCR => (0..3).for_each(|port| self.update_pins(own, port)),
+                    _ => {}
+                }
+            }
             Core::Simavr(simavr) => simavr.forward(address, value),
         }
     }

@@ -8,53 +8,10 @@
 use std::ops::Range;
 
 use super::chip::Chip;
+pub(super) use super::engine::{Access, Activity, Engine, Vector};
 use super::own::Own;
 use super::simavr::Simavr;
 use anyhow::Result;
-
-/// What executes a program. The default is simavr, if the build has it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Engine {
-    /// The crate `avr-core`.
-    Own,
-    /// simavr, an independent simulator. Only with the feature `simavr`.
-    Simavr,
-}
-
-/// Interrupt sources.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Vector {
-    SpiTransferComplete,
-    UsartReceiveComplete,
-    UsartDataRegisterEmpty,
-    UsartTransmitComplete,
-    EepromReady,
-    SpmReady,
-    Twi,
-    Adc,
-    /// INT0 or INT1, by its number.
-    External(u8),
-    /// A change of a pin, by the index of the port.
-    PinChange(u8),
-    /// A timer, by its number and the mask of the flag in TIFRn.
-    Timer(u8, u8),
-    Watchdog,
-}
-
-/// State of the core.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Activity {
-    Running,
-    Sleeping,
-    Crashed,
-}
-
-/// Kind of a program's access to memory.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Access {
-    Read,
-    Write,
-}
 
 /// The engine of a chip.
 pub(super) enum Core {

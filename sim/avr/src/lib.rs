@@ -50,6 +50,7 @@ mod debug;
 mod debugger;
 mod eeprom;
 mod elf;
+mod engine;
 mod extint;
 mod hex;
 mod machine;
@@ -81,11 +82,11 @@ use std::rc::{Rc, Weak};
 
 use anyhow::{Context, Result};
 
-pub use self::core::Engine;
 pub use chip::Chip;
 pub use debug::{Halt, Resume};
 pub use debugger::{Debugger, Registers};
 pub use elf::{Firmware, Names, Symbol, value_of};
+pub use engine::Engine;
 pub use processor::{
     Oc, PinWatcher, Reset, ResetCause, SerialCharacter, SpiByte, SpiDevice, State, TwiBus,
     Violation,
@@ -397,12 +398,12 @@ impl Avr {
 
     /// Drives a pin from outside, also during resets. Has no effect while the pin is an output.
     pub fn drive_pin(&mut self, port: char, bit: u8, level: bool) {
-        self.machine.pins.drive(&self.machine.base, pins::port_index(port), bit, Some(level));
+        self.machine.base.drive_from_outside(pins::port_index(port), bit, Some(level));
     }
 
     /// Stops driving a pin.
     pub fn release_pin(&mut self, port: char, bit: u8) {
-        self.machine.pins.drive(&self.machine.base, pins::port_index(port), bit, None);
+        self.machine.base.drive_from_outside(pins::port_index(port), bit, None);
     }
 
     /// A handle with which watchers and SPI devices can drive a pin.
@@ -616,7 +617,7 @@ impl InputPin {
     /// Sets the level of the pin. Has no effect if the chip was dropped.
     pub fn drive(&self, level: bool) {
         if let Some(machine) = self.machine.upgrade() {
-            machine.pins.drive(&machine.base, self.port, self.bit, Some(level));
+            machine.base.drive_from_outside(self.port, self.bit, Some(level));
         }
     }
 }

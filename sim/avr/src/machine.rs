@@ -30,9 +30,9 @@ use super::core::{Access, Core, Engine, Vector};
 use super::debug::Debug;
 use super::extint::ExternalInterrupts;
 use super::nvm::Nvm;
-use super::pins::{PORT_B, PORT_D, Pins};
+use super::pins::Pins;
 use super::processor::{PinWatcher, Reset, ResetCause};
-use super::regs;
+use super::regs::{self, PORT_B, PORT_D};
 use super::silicon::Silicon;
 use super::sleep::{self, Mode};
 use super::spi::Spi;
@@ -123,7 +123,6 @@ pub(super) struct Machine {
     /// Index of the peripheral that uses a timer, by the timer.
     timers: [Option<usize>; Timer::COUNT],
     pub adc: RefCell<Adc>,
-    pub pins: Rc<Pins>,
     pub debug: Debug,
     pub trace: Trace,
     pub stack: Stack,
@@ -167,16 +166,15 @@ impl Machine {
             let mut special = special.chain(unmodelled::READS.iter().copied());
             readers[address].is_none() && special.all(|special| usize::from(special) != address)
         });
-        let pins = Rc::new(Pins::new(peripherals.timers.overrides()));
+        let pins = Pins::new(peripherals.timers.overrides());
         let machine = Rc::new(Machine {
-            base: Base::new(engine, chip)?,
+            base: Base::new(engine, chip, pins)?,
             peripherals,
             owners,
             readers,
             plain,
             timers,
             adc: RefCell::new(Adc::new()),
-            pins,
             debug: Debug::default(),
             trace: Trace::default(),
             stack: Stack::default(),
@@ -188,9 +186,8 @@ impl Machine {
             sleep: Cell::new(None),
             started_at: Cell::new(0),
         });
-        match &machine.base.core {
-            Core::Own(own) => own.connect_pins(Rc::clone(&machine.pins)),
-            Core::Simavr(simavr) => on_simavr::hook(&machine, simavr),
+        if let Core::Simavr(simavr) = &machine.base.core {
+            on_simavr::hook(&machine, simavr);
         }
         let capture = Rc::downgrade(&machine);
         let on_icp1 = Box::new(move |level, at| {
@@ -205,7 +202,7 @@ impl Machine {
     /// Calls `watcher` at each change of the pin from now on.
     pub fn watch_pin(&self, port: usize, bit: u8, watcher: PinWatcher) {
         self.peripherals.timers.watch(&self.base, port, bit);
-        self.pins.watch(&self.base, port, bit, watcher);
+        self.base.watch_pin(port, bit, watcher);
         if let Core::Simavr(simavr) = &self.base.core {
             on_simavr::watch(simavr, port, bit);
         }
@@ -316,7 +313,7 @@ impl Machine {
     /// True while the clocks stand in a sleep. Starts them when the time has come.
     fn clocks_stand(&self) -> bool {
         let Some(sleep) = self.sleep.get() else { return false };
-        let Machine { base, peripherals, pins, .. } = self;
+        let Machine { base, peripherals, .. } = self;
         let now = base.now();
         for n in 0..2 {
             let is_new = base.core.get(regs::EIFR) & !sleep.edges & 1 << n != 0;
@@ -327,7 +324,7 @@ impl Machine {
         let ends = match sleep.ends {
             Some(ends) => ends,
             None => {
-                let is_low = INT_PINS.map(|bit| !pins.level(base, PORT_D, bit));
+                let is_low = INT_PINS.map(|bit| !base.pins.level(&base.core, PORT_D, bit));
                 if !sleep.mode.is_woken(&base.core, is_low) {
                     return true;
                 }
@@ -387,7 +384,7 @@ impl Machine {
         for peripheral in self.peripherals.iter() {
             peripheral.reset(&self.base, &mut self.power_on_noise.borrow_mut());
         }
-        self.pins.reapply(&self.base);
+        self.base.reapply_pins();
     }
 
     /// Watches the stack on simavr, which costs time; the own engine always does.
@@ -432,10 +429,10 @@ impl Machine {
             let read = &self.inputs_read[port];
             read.set(read.get() | self.base.tested_bits());
             self.peripherals.timers.advance_port(&self.base, port, self.base.read_time());
-            let levels = self.pins.levels(&self.base, port);
+            let levels = self.base.pins.levels(&self.base.core, port);
             if self.base.silicon.get().is_floating {
                 let noise = self.power_on_noise.borrow_mut().next_u64() as u8;
-                return levels ^ noise & self.pins.floating(&self.base, port);
+                return levels ^ noise & self.base.pins.floating(&self.base.core, port);
             }
             return levels;
         }
@@ -453,7 +450,7 @@ impl Machine {
     /// True if a pin is high.
     pub fn level(&self, port: usize, bit: u8) -> bool {
         self.peripherals.timers.advance_port(&self.base, port, self.base.now());
-        self.pins.level(&self.base, port, bit)
+        self.base.pins.level(&self.base.core, port, bit)
     }
 
     /// A byte of the data space for a look from outside, which has no side effect.

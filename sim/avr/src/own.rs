@@ -10,16 +10,13 @@ mod interrupts;
 mod ports;
 mod watchdog;
 
-use std::cell::{Cell, OnceCell, RefCell};
+use std::cell::{Cell, RefCell};
 use std::ops::Range;
-use std::rc::Rc;
 
 use avr_core::{Bus, InvalidOpcode, Stop};
 
-use super::base::{Base, Timer};
 use super::chip::Chip;
-use super::core::Activity;
-use super::pins::Pins;
+use super::engine::{Activity, Timer};
 use super::regs;
 use adc::Conversion;
 use interrupts::Requests;
@@ -60,7 +57,6 @@ pub(super) struct Own {
     requests: Requests,
     /// True if no enabled interrupt is requested, and no register has changed since that was known.
     has_none_pending: Cell<bool>,
-    pins: OnceCell<Rc<Pins>>,
     conversion: Conversion,
     watchdog: watchdog::Watchdog,
 }
@@ -88,7 +84,6 @@ impl Own {
             has_crashed: Cell::new(false),
             requests: Requests::default(),
             has_none_pending: Cell::new(false),
-            pins: OnceCell::new(),
             conversion: Conversion::default(),
             watchdog: watchdog::Watchdog::default(),
         }
@@ -251,11 +246,6 @@ impl Own {
         self.runs_singly.set(false);
     }
 
-    /// Connects the pins.
-    pub fn connect_pins(&self, pins: Rc<Pins>) {
-        assert!(self.pins.set(pins).is_ok(), "the pins are connected twice");
-    }
-
     /// Sets the expiry time of a timer, in place of an earlier one.
     pub fn schedule(&self, timer: Timer, at: Cycles) {
         self.events[timer as usize].set(at);
@@ -397,14 +387,10 @@ impl Own {
     }
 
     /// Writes a register that no model has, or whose model hands the write on.
-    pub fn store(&self, base: &Base, address: u16, value: u8) {
+    pub fn store(&self, address: u16, value: u8) {
         match address {
-            regs::PINB..=regs::PORTD => self.write_port(base, address, value),
-            regs::MCUCR => {
-                self.set(address, value);
-                (0..3).for_each(|port| self.update_pins(base, port));
-            }
-            regs::PCIFR => self.clear_pin_change_flags(base.with_single_bit(value)),
+            regs::PINB..=regs::PORTD => self.write_port(address, value),
+            regs::PCIFR => self.clear_pin_change_flags(value),
             regs::WDTCSR => self.write_watchdog(value),
             regs::ADCSRA => self.write_adc_control(value),
             _ => self.set(address, value),

@@ -6,22 +6,12 @@
 use std::cell::{Cell, RefCell};
 use std::rc::Rc;
 
-use super::base::Base;
+use super::core::Core;
 use super::processor::PinWatcher;
-use super::regs;
+use super::regs::{self, port_register};
 use sim_base::Cycles;
 
 const PORTS: [char; 3] = ['B', 'C', 'D'];
-/// Index of port B.
-pub(super) const PORT_B: usize = 0;
-/// Index of port D.
-pub(super) const PORT_D: usize = 2;
-
-/// Address of PORTx; DDRx and PINx precede it.
-pub(super) fn port_register(port: usize) -> u16 {
-    regs::PORTB + 3 * port as u16
-}
-
 /// The levels that the timers' compare units drive on outputs, in place of PORTx.
 #[derive(Default)]
 pub(super) struct Overrides {
@@ -93,17 +83,17 @@ pub(super) fn port_index(port: char) -> usize {
 
 impl Drive {
     /// True if a pin is high.
-    fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
-        self.all_levels(base, port) & 1 << bit != 0
+    fn level(&self, core: &Core, port: usize, bit: u8) -> bool {
+        self.all_levels(core, port) & 1 << bit != 0
     }
 
     /// The levels of all pins of a port.
-    fn all_levels(&self, base: &Base, port: usize) -> u8 {
+    fn all_levels(&self, core: &Core, port: usize) -> u8 {
         let latch_register = port_register(port);
-        let get = |address| base.core.get(address);
+        let get = |address| core.get(address);
         let (pin, ddr, latch) =
             (get(latch_register - 2), get(latch_register - 1), get(latch_register));
-        let has_pull_ups = base.core.get(regs::MCUCR) & regs::PUD == 0;
+        let has_pull_ups = core.get(regs::MCUCR) & regs::PUD == 0;
         let undriven = if has_pull_ups { latch | pin } else { pin };
         let inputs = choose(self.driven[port].get(), self.levels[port].get(), undriven);
         let overrides = &self.overrides;
@@ -125,80 +115,65 @@ impl Pins {
     }
 
     /// The levels of a port's pins: the value of PINx.
-    pub fn levels(&self, base: &Base, port: usize) -> u8 {
-        self.drive.all_levels(base, port)
+    pub fn levels(&self, core: &Core, port: usize) -> u8 {
+        self.drive.all_levels(core, port)
     }
 
     /// The pins of a port whose level nothing determines.
-    pub fn floating(&self, base: &Base, port: usize) -> u8 {
+    pub fn floating(&self, core: &Core, port: usize) -> u8 {
         let latch_register = port_register(port);
-        let has_pull_ups = base.core.get(regs::MCUCR) & regs::PUD == 0;
-        let pulled_up = if has_pull_ups { base.core.get(latch_register) } else { 0 };
+        let has_pull_ups = core.get(regs::MCUCR) & regs::PUD == 0;
+        let pulled_up = if has_pull_ups { core.get(latch_register) } else { 0 };
         let Drive { driven, overrides, .. } = &self.drive;
-        let outputs = base.core.get(latch_register - 1) | overrides.driven[port].get();
+        let outputs = core.get(latch_register - 1) | overrides.driven[port].get();
         !(outputs | driven[port].get() | pulled_up)
     }
 
     /// True if a pin is high.
-    pub fn level(&self, base: &Base, port: usize, bit: u8) -> bool {
-        self.drive.level(base, port, bit)
+    pub fn level(&self, core: &Core, port: usize, bit: u8) -> bool {
+        self.drive.level(core, port, bit)
     }
 
-    /// Drives a pin from outside; `None` stops driving it.
-    pub fn drive(&self, base: &Base, port: usize, bit: u8, level: Option<bool>) {
-        set_bit(&self.drive.driven[port], bit, level.is_some());
-        set_bit(&self.drive.levels[port], bit, level == Some(true));
-        if let Some(simavr) = base.core.simavr() {
-            simavr.set_external(port, self.drive.driven[port].get(), self.drive.levels[port].get());
-        }
-        self.apply(base, port, bit);
+    /// Notes that a pin is driven from outside, or no longer. Returns which pins of the port are,
+    /// and their levels.
+    pub fn set_outside(&self, port: usize, bit: u8, level: Option<bool>) -> (u8, u8) {
+        let Drive { driven, levels, .. } = &self.drive;
+        set_bit(&driven[port], bit, level.is_some());
+        set_bit(&levels[port], bit, level == Some(true));
+        (driven[port].get(), levels[port].get())
+    }
+
+    /// The pins of a port that are driven from outside.
+    pub fn driven_outside(&self, port: usize) -> u8 {
+        self.drive.driven[port].get()
     }
 
     /// Calls `watcher` at each change of the pin from now on.
-    pub fn watch(&self, base: &Base, port: usize, bit: u8, watcher: PinWatcher) {
-        let level = Cell::new(self.level(base, port, bit));
+    pub fn watch(&self, core: &Core, port: usize, bit: u8, watcher: PinWatcher) {
+        let level = Cell::new(self.level(core, port, bit));
         let watcher = RefCell::new(Some(watcher));
         self.watches.borrow_mut().push(Watch { port, bit, level, watcher });
     }
 
-    /// Drives the pins again after a reset, which makes all pins inputs and clears the levels from
-    /// outside in simavr.
-    pub fn reapply(&self, base: &Base) {
-        for port in 0..PORTS.len() {
-            for bit in (0..8).filter(|bit| self.drive.driven[port].get() & 1 << bit != 0) {
-                self.apply(base, port, bit);
-            }
-        }
-        (0..PORTS.len()).for_each(|port| self.check_watches(base, port, 0xFF));
-    }
-
     /// Calls the watchers of pins of a port whose levels have changed, of those in `mask`.
-    pub fn check_watches(&self, base: &Base, port: usize, mask: u8) {
+    pub fn check_watches(&self, core: &Core, now: Cycles, port: usize, mask: u8) {
         for watch in self.watches.borrow().iter() {
             if watch.port == port && mask & 1 << watch.bit != 0 {
-                watch.check(base, &self.drive);
+                watch.check(core, now, &self.drive);
             }
-        }
-    }
-
-    /// Applies the level of an input. Does nothing for an output, because simavr would take the
-    /// level for the output's.
-    fn apply(&self, base: &Base, port: usize, bit: u8) {
-        if base.core.get(regs::pin_register(PORTS[port]) + 1) & 1 << bit == 0 {
-            base.drive_pin(port, bit, self.level(base, port, bit));
         }
     }
 }
 
 impl Watch {
     /// Calls the watcher if the level of the pin has changed.
-    fn check(&self, base: &Base, drive: &Drive) {
-        let level = drive.level(base, self.port, self.bit);
+    fn check(&self, core: &Core, now: Cycles, drive: &Drive) {
+        let level = drive.level(core, self.port, self.bit);
         if self.level.replace(level) != level {
             let watcher = self.watcher.take();
             if let Some(mut watcher) = watcher {
                 let at = drive.overrides.edge_at.get();
-                watcher(level, at.unwrap_or_else(|| base.now()));
+                watcher(level, at.unwrap_or(now));
                 self.watcher.replace(Some(watcher));
             }
         }

@@ -192,3 +192,13 @@ pub fn pin_register(port: char) -> u16 {
         other => panic!("the ATmega168 has no port {other}"),
     }
 }
+
+/// Index of port B.
+pub const PORT_B: usize = 0;
+/// Index of port D.
+pub const PORT_D: usize = 2;
+
+/// Address of PORTx; DDRx and PINx precede it.
+pub fn port_register(port: usize) -> u16 {
+    PORTB + 3 * port as u16
+}

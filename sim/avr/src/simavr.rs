@@ -18,9 +18,8 @@ use std::sync::Once;
 use anyhow::{Result, ensure};
 use simavr_ffi as ffi;
 
-use super::base::Timer;
 use super::chip::Chip;
-use super::core::{Access, Activity, Engine, Vector};
+use super::engine::{Access, Activity, Engine, Timer, Vector};
 use super::regs;
 use sim_base::F_CPU_HZ;
 

@@ -4,9 +4,8 @@ use std::ops::Range;
 
 use anyhow::{Result, bail};
 
-use super::base::Timer;
 use super::chip::Chip;
-use super::core::{Activity, Engine, Vector};
+use super::engine::{Activity, Engine, Timer, Vector};
 
 /// There is none.
 pub(super) enum Simavr {}

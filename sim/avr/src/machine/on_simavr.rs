@@ -298,7 +298,7 @@ unsafe extern "C" fn on_pin(_: *mut ffi::avr_irq_t, _: u32, slot: *mut c_void) {
         let slot = &*slot.cast::<Slot<(usize, u8)>>();
         (machine(slot.context), slot.of)
     };
-    guard(machine, (), || machine.pins.check_watches(&machine.base, port, 1 << bit));
+    guard(machine, (), || machine.base.check_watches(port, 1 << bit));
 }
 
 unsafe extern "C" fn on_watchdog(_: *mut ffi::avr_irq_t, is_raised: u32, context: *mut c_void) {

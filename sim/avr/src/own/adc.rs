@@ -8,8 +8,7 @@
 use std::cell::Cell;
 
 use super::Own;
-use crate::base::Timer;
-use crate::core::Vector;
+use crate::engine::{Timer, Vector};
 use crate::regs::{ADATE, ADCH, ADCL, ADCSRA, ADCSRB, ADEN, ADIF, ADLAR, ADMUX, ADPS, ADSC, ADTS};
 use sim_base::Cycles;
 

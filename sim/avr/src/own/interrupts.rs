@@ -5,7 +5,7 @@
 use std::cell::Cell;
 
 use super::Own;
-use crate::core::Vector;
+use crate::engine::Vector;
 use crate::regs;
 
 /// What an interrupt's entry does to its flag.

@@ -3,17 +3,15 @@
 //! PINx has the levels that watchers and interrupts were told last.
 
 use super::Own;
-use crate::base::Base;
-use crate::core::Vector;
-use crate::pins::{PORT_D, port_register};
-use crate::regs;
+use crate::engine::Vector;
+use crate::regs::{self, PORT_D, port_register};
 
 /// Bits of port D that are INT0 and INT1.
 const INT_BITS: [u8; 2] = [2, 3];
 
 impl Own {
     /// Writes PINx, DDRx or PORTx.
-    pub(super) fn write_port(&self, base: &Base, address: u16, value: u8) {
+    pub(super) fn write_port(&self, address: u16, value: u8) {
         let port = usize::from((address - regs::PINB) / 3);
         let port_register = port_register(port);
         if address == port_register - 2 {
@@ -21,17 +19,14 @@ impl Own {
         } else {
             self.set(address, value);
         }
-        self.update_pins(base, port);
     }
 
-    /// Handles the levels of a port's pins, some of which may have changed.
-    pub fn update_pins(&self, base: &Base, port: usize) {
-        let Some(pins) = self.pins.get() else { return };
+    /// Sets the levels of a port's pins. Returns those that have changed.
+    pub fn set_levels(&self, port: usize, levels: u8) -> u8 {
         let pin_register = port_register(port) - 2;
-        let levels = pins.levels(base, port);
         let changed = self.get(pin_register) ^ levels;
         if changed == 0 {
-            return;
+            return 0;
         }
         self.set(pin_register, levels);
         if changed & self.get(regs::PCMSK0 + port as u16) != 0 {
@@ -51,7 +46,7 @@ impl Own {
                 }
             }
         }
-        pins.check_watches(base, port, changed);
+        changed
     }
 
     /// ISCn1:0 in EICRA.

@@ -3,8 +3,7 @@
 use std::cell::Cell;
 
 use super::Own;
-use crate::base::Timer;
-use crate::core::Vector;
+use crate::engine::{Timer, Vector};
 use crate::regs::{MCUSR, WDCE, WDE, WDIE, WDP, WDRF, WDTCSR};
 use sim_base::Cycles;
 

@@ -6,8 +6,7 @@
 use super::counter::{ICF, OCFA, TOV};
 use super::modes::Mode;
 use crate::core::Core;
-use crate::pins::{PORT_B, PORT_D};
-use crate::regs;
+use crate::regs::{self, PORT_B, PORT_D};
 
 /// A pin, as the index of its port and its bit.
 pub type PinOf = (usize, u8);

@@ -8,8 +8,7 @@ use std::collections::VecDeque;
 use super::Timers;
 use super::layout::LAYOUTS;
 use crate::base::Base;
-use crate::pins::{PORT_D, port_register};
-use crate::regs;
+use crate::regs::{self, PORT_D, port_register};
 use sim_base::Cycles;
 
 /// Most edges that are kept; then the oldest are dropped. Enough for more than 5 h of servo pulses.
