@@ -4,7 +4,6 @@
 //! `support` has the bench (chip, bus, a peer node) and restates addresses and bits. The tests do
 //! not use the model's own constants.
 
-mod crates;
 mod errors;
 mod filters;
 mod instructions;
