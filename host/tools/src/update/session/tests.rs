@@ -82,19 +82,16 @@ fn a_node_that_reads_the_file_and_runs_it_is_updated() {
 }
 
 #[test]
-fn a_node_s_reason_for_a_rejection_is_reported() {
+fn a_rejection_is_reported_with_its_reason_or_with_what_to_do() {
     let file = file_of(600);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_INVALID_MODE, b"armed, or a command in the last 2 s");
-    failed(&mut session, 0.1, "refuses: armed, or a command");
-}
-
-#[test]
-fn a_rejection_without_a_reason_says_what_to_do() {
-    let file = file_of(600);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_INVALID_MODE, b"");
-    failed(&mut session, 0.1, "refuses: its program takes no update over the bus. Upload one");
+    for (reason, text) in [
+        (&b"armed, or a command in the last 2 s"[..], "refuses: armed, or a command"),
+        (b"", "refuses: its program takes no update over the bus. Upload one"),
+    ] {
+        let mut session = session(&file);
+        begin(&mut session, ERROR_INVALID_MODE, reason);
+        failed(&mut session, 0.1, text);
+    }
 }
 
 /// A program of another protocol, such as the thesis's, does not answer.
@@ -133,20 +130,38 @@ fn tell(session: &mut Session, now: f32, mode: Mode, software: (u8, u8), crc: Op
     session.take(&service(1, false, info.encode()), seconds(now), &Heard::default());
 }
 
+/// What the node says after it has read all of the file, or has not, and how the update ends.
 #[test]
-fn a_node_in_its_bootloader_or_old_program_counts_as_not_updated() {
-    let file = file_of(600);
-    for (mode, version, text) in [
-        (Mode::Maintenance, (0, 0), "waits in its bootloader: it has not read all"),
-        (Mode::Operational, (1, 2), "runs version 1.2, which is not the file"),
+fn the_mode_the_version_and_the_crc_of_the_node_decide() {
+    const ALL: &[u16] = &[0, 256, 0];
+    use Mode::{Maintenance, Operational};
+    let (plain, with_crc) = (file_of(300), file_with_crc(300, 0x1234));
+    let not_started = "its bootloader does not start it";
+    for (file, reads, mode, software, crc, failure) in [
+        (&plain, &[0][..], Maintenance, (0, 0), None, "it has not read all"),
+        (&plain, &[0], Operational, (1, 2), None, "runs version 1.2, which is not the file"),
+        (&plain, ALL, Operational, (0, 0), None, "runs version 0.0, and the file has 1.3"),
+        (&with_crc, ALL, Maintenance, (1, 3), Some(0x1234), not_started),
+        (&with_crc, ALL, Maintenance, (0, 0), None, "what it read is not a valid program"),
+        (&with_crc, ALL, Operational, (1, 3), Some(0x1234), ""),
+        (&with_crc, ALL, Operational, (1, 3), Some(1), "runs another program of version 1.3"),
+        (&with_crc, ALL, Operational, (1, 3), None, "runs another program of version 1.3"),
     ] {
-        let mut session = session(&file);
+        let mut session = session(file);
         begin(&mut session, ERROR_OK, b"");
-        read(&mut session, 0);
-        session.take(&status(mode), seconds(3.0), &Heard::default());
-        session.take(&status(mode), seconds(4.0), &Heard::default());
-        tell(&mut session, 4.0, mode, version, None);
-        failed(&mut session, 4.0, text);
+        for offset in reads {
+            read(&mut session, *offset);
+        }
+        for now in [3.0, 4.0] {
+            session.take(&status(mode), seconds(now), &Heard::default());
+        }
+        tell(&mut session, 4.0, mode, software, crc);
+        if failure.is_empty() {
+            let end = session.poll(seconds(4.0));
+            assert!(matches!(end, Some(Action::End(Outcome::Updated(_)))), "{end:?}");
+        } else {
+            failed(&mut session, 4.0, failure);
+        }
     }
 }
 
@@ -163,26 +178,6 @@ fn one_status_of_a_waiting_bootloader_before_the_restart_is_no_failure() {
     session.take(&status(Mode::Operational), seconds(2.5), &Heard::default());
     tell(&mut session, 2.5, Mode::Operational, (1, 3), Some(0x1234));
     assert!(matches!(session.poll(seconds(2.6)), Some(Action::End(Outcome::Updated(_)))));
-}
-
-#[test]
-fn a_bootloader_that_does_not_start_the_new_program_is_not_called_updated() {
-    let file = file_with_crc(300, 0x1234);
-    for (version, crc, text) in [
-        ((1, 3), Some(0x1234), "its bootloader does not start it"),
-        ((0, 0), None, "what it read is not a valid program"),
-    ] {
-        let mut session = session(&file);
-        begin(&mut session, ERROR_OK, b"");
-        for offset in [0, 256, 0] {
-            read(&mut session, offset);
-        }
-        for now in [3.0, 4.0] {
-            session.take(&status(Mode::Maintenance), seconds(now), &Heard::default());
-        }
-        tell(&mut session, 4.0, Mode::Maintenance, version, crc);
-        failed(&mut session, 4.0, text);
-    }
 }
 
 /// The program before this one was stopped, and its node ID is taken over.
@@ -280,44 +275,6 @@ fn a_node_that_reads_the_same_part_for_ever_fails() {
         let text = if parts == 3 { "does not start it" } else { "again and again" };
         failed(&mut session, 62.1, text);
     }
-}
-
-#[test]
-fn a_node_that_runs_another_image_of_the_same_version_is_not_updated() {
-    let file = file_with_crc(300, 0x1234);
-    for (image_crc, is_updated) in [(Some(0x1234), true), (Some(1), false), (None, false)] {
-        let mut session = session(&file);
-        begin(&mut session, ERROR_OK, b"");
-        for offset in [0, 256, 0] {
-            read(&mut session, offset);
-        }
-        session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
-        let info: NodeInfo = NodeInfo { software: (1, 3), image_crc, ..NodeInfo::default() };
-        session.take(&service(1, false, info.encode()), seconds(3.1), &Heard::default());
-        if is_updated {
-            let end = session.poll(seconds(3.2));
-            assert!(matches!(end, Some(Action::End(Outcome::Updated(_)))), "{end:?}");
-        } else {
-            failed(&mut session, 3.2, "runs another program of version 1.3");
-        }
-    }
-}
-
-#[test]
-fn an_update_to_another_version_fails() {
-    let file = file_of(300);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_OK, b"");
-    for offset in [0, 256, 0] {
-        read(&mut session, offset);
-    }
-    session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
-    session.take(
-        &service(1, false, NodeInfo::<NodeStatus>::default().encode()),
-        seconds(3.1),
-        &Heard::default(),
-    );
-    failed(&mut session, 3.2, "runs version 0.0, and the file has 1.3");
 }
 
 #[test]
