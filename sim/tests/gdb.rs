@@ -45,12 +45,12 @@ impl Setup {
         Setup { bench, gdb, elf, directory }
     }
 
-    /// Starts avr-gdb, which attaches and executes `commands`.
-    fn avr_gdb(&self, commands: &[&str]) -> Child {
+    /// Starts avr-gdb, which attaches and executes the commands, with semicolons between them.
+    fn avr_gdb(&self, commands: &str) -> Child {
         let attach = format!("target remote localhost:{}", self.gdb.port());
         let mut command = Command::new("avr-gdb");
         command.args(["-nx", "-batch", "-ex", "set tcp connect-timeout 10", "-ex", &attach]);
-        for line in commands {
+        for line in commands.split("; ") {
             command.args(["-ex", line]);
         }
         command.arg(&self.elf).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
@@ -73,7 +73,7 @@ impl Setup {
         text
     }
 
-    fn debug(&mut self, commands: &[&str]) -> String {
+    fn debug(&mut self, commands: &str) -> String {
         self.until_end(self.avr_gdb(commands))
     }
 
@@ -106,9 +106,9 @@ impl Drop for Setup {
 }
 
 #[track_caller]
-fn assert_in_order(text: &str, parts: &[&str]) {
+fn assert_in_order(text: &str, parts: &str) {
     let mut rest = text;
-    for part in parts {
+    for part in parts.split(" | ") {
         let Some(at) = rest.find(part) else {
             panic!("{part:?} is missing or out of order in:\n{text}");
         };
@@ -125,43 +125,23 @@ fn the_board_is_halted_at_its_reset_until_a_debugger_comes() {
     }
     assert_eq!(setup.bench.now(), 0);
     assert!(setup.gdb.status().contains("halted at reset, waits"), "{}", setup.gdb.status());
-    let text = setup.debug(&["print $pc", "stepi", "detach"]);
-    assert_in_order(&text, &["(void (*)()) 0x0", "detached"]);
+    let text = setup.debug("print $pc; stepi; detach");
+    assert_in_order(&text, "(void (*)()) 0x0 | detached");
     setup.assert_running();
 }
 
 #[test]
 fn a_breakpoint_shows_arguments_variables_and_callers() {
     let mut setup = Setup::new("breakpoint");
-    let text = setup.debug(&[
-        "break inner",
-        "continue",
-        "backtrace",
-        "print rounds",
-        "continue",
-        "print rounds",
-        "finish",
-        "info breakpoints",
-        "delete",
-        "detach",
-    ]);
+    let text = setup.debug(
+        "break inner; continue; backtrace; print rounds; continue; print rounds; finish; \
+         info breakpoints; delete; detach",
+    );
     assert_in_order(
         &text,
-        &[
-            "Breakpoint 1, inner (depth=7",
-            "#0  inner (depth=7",
-            "#1",
-            "in outer (depth=6",
-            "#2",
-            "in main ()",
-            "$1 = 0",
-            "Breakpoint 1, inner",
-            "$2 = 1",
-            "outer (depth=6",
-            "PORTC = depth",
-            "already hit 2 times",
-            "detached",
-        ],
+        "Breakpoint 1, inner (depth=7 | #0  inner (depth=7 | #1 | in outer (depth=6 | #2 | \
+         in main () | $1 = 0 | Breakpoint 1, inner | $2 = 1 | outer (depth=6 | PORTC = depth | \
+         already hit 2 times | detached",
     );
     setup.assert_running();
 }
@@ -169,21 +149,13 @@ fn a_breakpoint_shows_arguments_variables_and_callers() {
 #[test]
 fn avr_gdb_steps_by_instruction_and_by_line() {
     let mut setup = Setup::new("step");
-    let text = setup.debug(&[
-        "hbreak outer",
-        "continue",
-        "print/x $pc",
-        "stepi",
-        "print $pc != &outer",
-        "step",
-        "step",
-        "step",
-        "print rounds",
-        "kill",
-    ]);
+    let text = setup.debug(
+        "hbreak outer; continue; print/x $pc; stepi; print $pc != &outer; step; step; step; \
+         print rounds; kill",
+    );
     assert_in_order(
         &text,
-        &["Hardware assisted breakpoint 1", "Breakpoint 1, outer", "inner (depth=", "rounds++"],
+        "Hardware assisted breakpoint 1 | Breakpoint 1, outer | inner (depth= | rounds++",
     );
     setup.assert_running();
 }
@@ -191,41 +163,16 @@ fn avr_gdb_steps_by_instruction_and_by_line() {
 #[test]
 fn registers_and_all_memories_are_read_and_written() {
     let mut setup = Setup::new("memory");
-    let text = setup.debug(&[
-        "break inner",
-        "continue",
-        "set $r5 = 0xA5",
-        "set $SREG = 0xC3",
-        "info registers r5 SREG SP pc",
-        "set var rounds = 4660",
-        "print/x rounds",
-        "set {unsigned char}0x810007 = 0x5A",
-        "x/2xb 0x810007",
-        "set {unsigned char}0x800028 = 0x05",
-        "x/xb 0x800028",
-        "x/i $pc",
-        "x/2xh 0",
-        "set {unsigned char}0x3000 = 0x42",
-        "x/xb 0x3000",
-        "x/xb 0x3fff",
-        "x/xb 0x900000",
-    ]);
+    let text = setup.debug(
+        "break inner; continue; set $r5 = 0xA5; set $SREG = 0xC3; info registers r5 SREG SP pc; \
+         set var rounds = 4660; print/x rounds; set {unsigned char}0x810007 = 0x5A; \
+         x/2xb 0x810007; set {unsigned char}0x800028 = 0x05; x/xb 0x800028; x/i $pc; x/2xh 0; \
+         set {unsigned char}0x3000 = 0x42; x/xb 0x3000; x/xb 0x3fff; x/xb 0x900000",
+    );
     assert_in_order(
         &text,
-        &[
-            "0xa5",
-            "0xc3",
-            "SP",
-            "<inner",
-            "$1 = 0x1234",
-            "0x5a\t0xff",
-            "0x05",
-            "=> 0x",
-            "out\t0x05, r24",
-            "0x42",
-            "0xff",
-            "Cannot access memory",
-        ],
+        "0xa5 | 0xc3 | SP | <inner | $1 = 0x1234 | 0x5a\t0xff | 0x05 | => 0x | out\t0x05, r24 | \
+         0x42 | 0xff | Cannot access memory",
     );
     let avr = setup.bench.board(0).avr();
     assert_eq!(avr.eeprom()[7], 0x5A);
@@ -244,20 +191,13 @@ fn both_packets_write_all_byte_values_to_memory() {
         // Sets other bytes first, so that the test sees what each packet writes.
         setup.bench.board(0).avr_mut().set_eeprom(&[0; 512]);
         setup.bench.board(0).avr_mut().load_flash(0x2000, &[0; 256]);
-        let text = setup.debug(&[
-            "break inner",
-            "continue",
-            &format!("set remote binary-download-packet {packet}"),
-            &format!("set {{char}}0x810004 = {value}"),
-            &format!("set {{char}}0x800304 = {value}"),
-            &format!("set {{char}}0x003004 = {value}"),
-            &format!("restore {file} binary 0x810100"),
-            &format!("restore {file} binary 0x800310"),
-            &format!("restore {file} binary 0x002000"),
-            "set {long}0x8101fe = 0",
-            "delete",
-            "detach",
-        ]);
+        let text = setup.debug(&format!(
+            "break inner; continue; set remote binary-download-packet {packet}; \
+             set {{char}}0x810004 = {value}; set {{char}}0x800304 = {value}; \
+             set {{char}}0x003004 = {value}; restore {file} binary 0x810100; \
+             restore {file} binary 0x800310; restore {file} binary 0x002000; \
+             set {{long}}0x8101fe = 0; delete; detach"
+        ));
         assert!(text.contains("Cannot access memory at address 0x8101fe"), "{text}");
         let avr = setup.bench.board(0).avr_mut();
         let eeprom = avr.eeprom();
@@ -274,14 +214,9 @@ fn both_packets_write_all_byte_values_to_memory() {
 #[test]
 fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     let mut setup = Setup::new("interrupt");
-    let child = setup.avr_gdb(&[
-        "continue",
-        "print rounds > 0",
-        "print ticks > 0",
-        "print/x $pc",
-        "break inner",
-        "continue",
-    ]);
+    let commands =
+        "continue; print rounds > 0; print ticks > 0; print/x $pc; break inner; continue";
+    let child = setup.avr_gdb(commands);
     setup.turn_until(|setup| setup.gdb.status().contains("attached"));
     for _ in 0..50 {
         setup.turn();
@@ -293,7 +228,7 @@ fn an_interrupt_from_the_keyboard_halts_a_running_program() {
     // caller.
     assert_in_order(
         &text,
-        &["Program received signal SIGINT", "$1 = 1", "$2 = 1", "$3 = 0x", "Breakpoint 1, inner"],
+        "Program received signal SIGINT | $1 = 1 | $2 = 1 | $3 = 0x | Breakpoint 1, inner",
     );
     setup.assert_running();
 }
@@ -325,7 +260,7 @@ fn invalid_packets_do_no_harm() {
     }
     drop(stream);
     setup.assert_running();
-    assert!(setup.debug(&["break inner", "continue"]).contains("Breakpoint 1, inner"));
+    assert!(setup.debug("break inner; continue").contains("Breakpoint 1, inner"));
 }
 
 #[test]
@@ -333,7 +268,7 @@ fn a_second_debugger_waits_until_the_first_ends() {
     let mut setup = Setup::new("second");
     let first = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     setup.turn_until(|setup| setup.gdb.status().contains("halted"));
-    let second = setup.avr_gdb(&["print rounds"]);
+    let second = setup.avr_gdb("print rounds");
     drop(first);
     assert!(setup.until_end(second).contains("$1 = "));
 }
@@ -350,8 +285,8 @@ fn the_error_of_a_port_in_use_names_it() {
 #[test]
 fn breakpoints_of_one_board_do_not_stop_the_other() {
     let mut setup = Setup::new("other");
-    let text = setup.debug(&["break inner", "continue", "ignore 1 98", "continue", "print rounds"]);
-    assert_in_order(&text, &["Breakpoint 1, inner", "$1 = 99"]);
+    let text = setup.debug("break inner; continue; ignore 1 98; continue; print rounds");
+    assert_in_order(&text, "Breakpoint 1, inner | $1 = 99");
     let mut answer = Vec::new();
     let mut stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     stream.set_nonblocking(true).expect("a socket");
