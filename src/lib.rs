@@ -55,6 +55,7 @@
 #![cfg_attr(not(any(test, feature = "desk")), no_std)]
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
+#![allow(clippy::new_without_default, reason = "`new` is for constants; nothing needs the trait")]
 // The compiler evaluates the packing of the texts, which takes a second or two.
 #![allow(long_running_const_eval)]
 

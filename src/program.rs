@@ -287,9 +287,3 @@ impl Program {
         }
     }
 }
-
-impl Default for Program {
-    fn default() -> Self {
-        Self::new()
-    }
-}

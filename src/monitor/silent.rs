@@ -70,9 +70,3 @@ impl Monitor {
         0
     }
 }
-
-impl Default for Monitor {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -140,12 +140,6 @@ impl Agenda {
     }
 }
 
-impl Default for Agenda {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

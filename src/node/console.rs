@@ -123,9 +123,3 @@ impl Console {
         is_of_message
     }
 }
-
-impl Default for Console {
-    fn default() -> Self {
-        Self::new()
-    }
-}

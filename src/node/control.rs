@@ -192,9 +192,3 @@ impl Control {
         Line::Light
     }
 }
-
-impl Default for Control {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -43,9 +43,3 @@ impl Filters {
         }
     }
 }
-
-impl Default for Filters {
-    fn default() -> Self {
-        Self::new()
-    }
-}

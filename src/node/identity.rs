@@ -51,9 +51,3 @@ impl Identity {
         }
     }
 }
-
-impl Default for Identity {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -408,11 +408,5 @@ impl Node {
     }
 }
 
-impl Default for Node {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(all(test, not(feature = "draft")))]
 mod tests;

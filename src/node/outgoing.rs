@@ -241,11 +241,5 @@ impl Payload {
     }
 }
 
-impl Default for Outgoing {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(all(test, not(feature = "draft")))]
 mod tests;

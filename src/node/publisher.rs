@@ -244,12 +244,6 @@ impl Publisher {
     }
 }
 
-impl Default for Publisher {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -74,9 +74,3 @@ impl Record {
         }
     }
 }
-
-impl Default for Record {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -102,9 +102,3 @@ impl Sensors {
         health.set(Conditions::POWER, is_wrong);
     }
 }
-
-impl Default for Sensors {
-    fn default() -> Self {
-        Self::new()
-    }
-}

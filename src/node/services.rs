@@ -170,9 +170,3 @@ impl Services {
 fn is(kind: Kind, wanted: Kind) -> bool {
     wanted != Kind::Unknown && kind == wanted
 }
-
-impl Default for Services {
-    fn default() -> Self {
-        Self::new()
-    }
-}

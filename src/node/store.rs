@@ -331,11 +331,5 @@ fn read(
     eeprom.read(at) == high && eeprom.read(at.wrapping_add(1)) == low
 }
 
-impl Default for Store {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests;

@@ -114,9 +114,3 @@ impl Temperature {
         self.flags & SENSOR_FAULT != 0
     }
 }
-
-impl Default for Temperature {
-    fn default() -> Self {
-        Self::new()
-    }
-}

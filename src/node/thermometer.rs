@@ -119,11 +119,5 @@ pub fn celsius(kelvin_64ths: u16) -> i16 {
     (kelvin_64ths.wrapping_sub(DEGREE_ZERO) as i16) >> 6
 }
 
-impl Default for Thermometer {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests;

@@ -59,9 +59,3 @@ impl Transmission {
         }
     }
 }
-
-impl Default for Transmission {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -96,11 +96,5 @@ impl Allocation {
     }
 }
 
-impl Default for Allocation {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests;

@@ -73,9 +73,3 @@ impl Arming {
         }
     }
 }
-
-impl Default for Arming {
-    fn default() -> Self {
-        Self::new()
-    }
-}

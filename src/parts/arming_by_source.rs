@@ -115,12 +115,6 @@ impl Arming {
     }
 }
 
-impl Default for Arming {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

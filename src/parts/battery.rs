@@ -109,11 +109,5 @@ impl Battery {
     }
 }
 
-impl Default for Battery {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests;

@@ -70,12 +70,6 @@ impl Button {
     }
 }
 
-impl Default for Button {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

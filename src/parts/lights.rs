@@ -47,9 +47,3 @@ impl Lights {
         self.brightness = brightest | brightest >> 5;
     }
 }
-
-impl Default for Lights {
-    fn default() -> Self {
-        Self::new()
-    }
-}

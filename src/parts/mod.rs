@@ -13,7 +13,6 @@
 macro_rules! absent {
     ($name:ident; $(fn $method:ident($($argument:tt)*) $(-> $type:ty = $value:expr)?;)*) => {
         /// Nothing.
-        #[derive(Default)]
         pub struct $name;
 
         impl $name {

@@ -203,12 +203,6 @@ fn is_wanted(parameters: &Parameters) -> bool {
     parameters.is_on(Parameter::PwrRate) || parameters.is_on(Parameter::BattRate)
 }
 
-impl Default for Power {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 impl Power {
     /// A circuit that was measured: its voltage in mV and its current in 10 mA.

@@ -192,12 +192,6 @@ fn quotient(dividend: u32, mut divisor: u32) -> [u16; 2] {
     [u16::from(exponent) << 7 | u16::from(high & 0x7F), u16::from(low) << 8]
 }
 
-impl Default for Shaft {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     #[test]

@@ -60,9 +60,3 @@ impl Safety {
         self.safe_s == 0
     }
 }
-
-impl Default for Safety {
-    fn default() -> Self {
-        Self::new()
-    }
-}

@@ -93,12 +93,6 @@ impl Tunnel {
     }
 }
 
-impl Default for Tunnel {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

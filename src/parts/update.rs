@@ -188,12 +188,6 @@ impl Update {
     }
 }
 
-impl Default for Update {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 /// Waits until a write to the EEPROM has ended. The limit is many times the 3.4 ms that a write
 /// takes, and ends the loop if the EEPROM stays busy.
 fn wait(eeprom: &impl Eeprom) {

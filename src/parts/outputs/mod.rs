@@ -318,11 +318,5 @@ fn place(output: usize) -> usize {
     output % OUTPUTS
 }
 
-impl Default for Outputs {
-    fn default() -> Self {
-        Self::new()
-    }
-}
-
 #[cfg(all(test, feature = "monitor", not(feature = "draft")))]
 mod tests;

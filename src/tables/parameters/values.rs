@@ -145,9 +145,3 @@ impl Parameters {
         self.reset(true, flash);
     }
 }
-
-impl Default for Parameters {
-    fn default() -> Self {
-        Self::new()
-    }
-}
