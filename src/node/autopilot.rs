@@ -108,4 +108,21 @@ mod tests {
             assert_eq!(autopilot.commander(), 11);
         }
     }
+
+    #[test]
+    fn three_seconds_of_silence_make_room_for_another() {
+        let mut autopilot = Autopilot::NONE;
+        autopilot.commanded_by(node(10));
+        for _ in 0..10 {
+            autopilot.second();
+            assert!(autopilot.is_status_of(node(10)));
+        }
+        for _ in 0..3 {
+            autopilot.second();
+            assert!(autopilot.is_present());
+        }
+        autopilot.second();
+        assert!(!autopilot.is_present());
+        assert!(autopilot.is_status_of(node(42)));
+    }
 }
