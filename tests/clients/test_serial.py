@@ -81,7 +81,9 @@ def test_avrdude_finds_no_bootloader_at_another_baud_rate(bench):
         used = bench(*options, *more, serial=True, fresh=True)
         text = used.run(*line, "-P", used.serial, timeout=120, check=False)
         assert ("not in sync" not in text and "0x1e950f" in text) == bool(more), text
-        assert ("115200 baud. The board has 58823" in used.text()) != bool(more), used.text()
+        # 58,823 baud at 16 MHz, within 1 %.
+        hint = re.search(r"115200 baud\. The board has 5[89]\d{3}", used.text())
+        assert (hint is None) == bool(more), used.text()
 
 
 # cargo waits while other parts of "make test" compile.
