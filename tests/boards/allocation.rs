@@ -154,6 +154,7 @@ fn the_three_stages_have_their_parts_and_their_times() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn without_an_answer_it_repeats_its_request_at_random_times() {
     let (mut rig, unique_id) = board_without_id();
     rig.run_ms(20_000);
@@ -184,6 +185,7 @@ fn the_identifiers_of_requests_differ_with_their_content() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn an_answer_with_another_unique_id_is_ignored() {
     let (mut rig, unique_id) = board_without_id();
     for wrong in 0..6 {
@@ -288,6 +290,7 @@ fn without_an_id_it_accepts_only_allocation_messages() {
 /// An anonymous frame must not be repeated after an error: another node without an ID may have sent
 /// the same identifier.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_request_destroyed_by_an_error_is_not_repeated() {
     for bit in [12, 33, 45, 80, 100] {
         let (mut rig, _) = board_without_id();
@@ -398,6 +401,7 @@ fn it_accepts_the_lowest_and_the_highest_id() {
 
 /// Two boards start at the same moment, with the simulator's allocator.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn two_boards_that_start_together_get_different_ids() {
     let (first, second) = (allocatee(), another_allocatee(5));
     assert_ne!(first.1, second.1);

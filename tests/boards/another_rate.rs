@@ -143,6 +143,7 @@ fn a_node_that_starts_on_a_bus_of_another_rate_disturbs_few_frames_at_each_pair(
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_node_that_is_plugged_into_a_bus_of_another_rate_disturbs_few_frames() {
     for (bit_rate, rate) in pairs() {
         assert_quiet(bit_rate, rate, 1, false);
@@ -167,6 +168,7 @@ fn assert_quiet_with_little_traffic(rate: u32, period_ms: u64) {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn after_its_start_a_node_of_another_rate_disturbs_no_frame_of_a_bus_with_little_traffic() {
     assert_quiet_with_little_traffic(125_000, 1000);
     assert_quiet_with_little_traffic(rig::board().fastest_bit_rate() / 2, 500);
@@ -184,6 +186,7 @@ fn after_its_start_a_node_of_any_other_rate_disturbs_no_frame_of_a_bus_with_litt
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn several_nodes_of_another_rate_disturb_few_frames() {
     let fastest = rig::board().fastest_bit_rate();
     assert_quiet(fastest, fastest / 2, 4, true);
@@ -231,6 +234,7 @@ fn a_wrong_rate_that_was_saved_is_corrected_on_a_bus_of_that_rate() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_node_that_is_alone_tries_its_status_every_second() {
     let mut rig = Rig::powered();
     let port = rig.peer_port;

@@ -203,6 +203,7 @@ fn of_100_disarms_of_ardupilot_none_is_a_failsafe_and_the_motor_stops_at_mot_tim
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn of_20_disarms_of_ardupilot_none_is_a_failsafe_and_the_motor_stops_at_mot_timeout() {
     assert_disarms_are_no_failsafe(20);
 }
@@ -233,6 +234,7 @@ fn assert_disarms_are_no_failsafe(count: u64) {
 
 /// The commands for motors stop, and ArmingStatus still says armed.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn commands_that_are_lost_while_armed_are_a_failsafe_with_the_next_arming_status() {
     for phase_ms in [0, 100, 200, 300, 400] {
         let mut rig = with_throttle();
@@ -327,6 +329,7 @@ fn what_the_real_px4_sent_is_answered_followed_and_ends_in_a_failsafe() {
 /// The real PX4 had a file for the board on its card, and asked a node that takes no updates 69
 /// times (tests/data/px4). Each request has several frames, between those of the commands.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn what_the_real_px4_sent_while_an_update_was_refused_disturbs_no_command() {
     let mut rig = Rig::running();
     rig.set("OUT1_ID", 0);

@@ -56,6 +56,7 @@ fn a_node_without_a_rate_sends_no_battery_info() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn the_charge_falls_with_the_current_that_is_drawn() {
     let mut rig = watching();
     draw(&mut rig, 12.0, 0.0, 1000);

@@ -16,6 +16,7 @@ fn a_controller_with_garbage_in_its_registers_is_restarted() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_controller_without_power_is_restarted_until_it_answers() {
     chip::NO_POWER.check();
 }
@@ -31,6 +32,7 @@ fn a_sleeping_controller_is_restarted() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn an_spi_that_reads_all_zeros_or_all_ones_is_logged() {
     chip::MISO_LOW.check();
     chip::MISO_HIGH.check();
@@ -42,6 +44,7 @@ fn an_spi_that_flips_bits_is_logged_and_the_servo_stays_in_its_travel() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_flipped_bit_in_a_register_is_detected() {
     chip::REGISTER.check();
 }

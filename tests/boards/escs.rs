@@ -312,6 +312,7 @@ fn assert_fresh(floods: &[(Setup, Traffic, Pace, Limit)], ms: u64) {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn at_50_hz_a_pulse_has_a_command_of_the_last_4_ms_of_a_full_bus() {
     let (servos, motors) = (Setup::of(Preset::Full, 8, 0), Setup::of(Preset::Full, 0, 8));
     let floods = [
@@ -326,6 +327,7 @@ fn at_50_hz_a_pulse_has_a_command_of_the_last_4_ms_of_a_full_bus() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn at_10_percent_of_the_bus_a_pulse_has_the_last_command_but_for_a_millisecond() {
     let of = |setup, traffic| (setup, traffic, Pace::Percent(10), Limit::Interval);
     let floods = [
@@ -338,6 +340,7 @@ fn at_10_percent_of_the_bus_a_pulse_has_the_last_command_but_for_a_millisecond()
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn at_400_hz_a_pulse_has_a_command_of_the_last_3500_us_of_four_motors_at_any_load() {
     let floods = [25, 50, 75, 90, 100].map(|percent| {
         let pace = if percent == 100 { Pace::Full } else { Pace::Percent(percent) };
@@ -356,6 +359,7 @@ fn at_400_hz_a_pulse_has_a_command_of_the_last_3500_us_of_eight_motors_up_to_75_
 /// An autopilot has its own clock: here it is slower by a command in a second, so that each phase
 /// of a command and a pulse occurs.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn at_400_commands_a_second_a_pulse_has_the_last_command_but_for_a_millisecond() {
     let floods = [(FOUR, 4), (EIGHT, 8)]
         .map(|(setup, motors)| (setup, Traffic::Throttles(motors), Pace::Hz(399), Limit::Interval));

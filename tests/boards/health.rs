@@ -104,6 +104,7 @@ fn a_sensor_that_opens_or_shorts_is_a_warning_until_it_works() {
 
 /// A servo without a sensor. ArduPilot does not arm with a node that is not OK.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_servo_without_a_sensor_is_ok_and_sends_no_temperature() {
     for (sensor, millivolts) in [(1, 0), (1, 5000), (0, 0), (0, 5000), (0, 250)] {
         let mut rig = Rig::powered();
@@ -194,6 +195,7 @@ fn another_node_with_the_node_s_id_is_a_warning_for_ten_seconds() {
 
 /// A fault that is over stays in the status for a minute.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn the_cause_of_a_restart_is_a_warning_for_a_minute() {
     let mut rig = Rig::running();
     rig.board().reset(ResetCause::BrownOut);

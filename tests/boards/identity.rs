@@ -55,6 +55,7 @@ fn two_boards_of_one_bench_generate_different_ids() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn boards_with_different_seeds_have_different_ids() {
     let ids: std::collections::HashSet<_> = (0..12).map(|seed| made(seed)[ID].to_vec()).collect();
     assert_eq!(ids.len(), 12);
@@ -77,6 +78,7 @@ fn a_stored_id_is_kept_by_the_next_start() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_half_written_id_is_generated_again() {
     let written = made(6);
     // The node writes the record last, which takes 65 ms. An interrupted write leaves garbage.

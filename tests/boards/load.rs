@@ -210,6 +210,7 @@ fn the_node_s_messages_go_out_when_they_win_arbitration() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn its_status_goes_out_each_second_on_a_full_bus() {
     for kind in [Kind::Command(5), Kind::Status(8)] {
         let mut loaded =
@@ -240,6 +241,7 @@ fn assert_other_work_is_done(kind: Kind, period: u64) -> Figures {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn incomplete_commands_leave_time_for_its_other_work() {
     for period in [2500, 10_000] {
         assert_other_work_is_done(Kind::Beginning, period);
@@ -249,6 +251,7 @@ fn incomplete_commands_leave_time_for_its_other_work() {
 /// At 125 kbit/s a frame takes a millisecond, through an adapter on a serial port at 115,200 baud
 /// 2.3 ms.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn slow_commands_leave_time_for_its_other_work() {
     for period in [16_000, 36_800] {
         let max = assert_other_work_is_done(Kind::LongCommand, period).command_to_servo.max() / 16;
@@ -261,6 +264,7 @@ fn slow_commands_leave_time_for_its_other_work() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_bus_full_of_frames_for_other_nodes_costs_no_time() {
     let run = |load| {
         let mut loaded = Loaded::new(load, Client::None);

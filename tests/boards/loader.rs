@@ -27,6 +27,7 @@ fn the_bootloader_finds_the_bit_rate_of_the_bus_without_disturbing_it() {
 
 /// A program that hangs leads to the bootloader, whose record has another rate than the bus.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_record_with_the_wrong_bit_rate_disturbs_no_bus() {
     let eeprom = eeprom_with_bus_record();
     for bit_rate in bit_rates().filter(|rate| *rate != 125_000) {
@@ -64,6 +65,7 @@ fn after_a_silence_a_wrong_bit_rate_disturbs_few_frames() {
 
 /// Each frame is broken in its data, so listen-only mode receives all of them.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn frames_that_are_only_heard_broken_are_no_proof_of_the_bit_rate() {
     let mut bench = UpdateBench::empty();
     bench.bench.bus().inject(Fault::DestroyFrames(true));
@@ -96,6 +98,7 @@ fn short_file(len: usize) -> Vec<u8> {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_server_that_takes_five_seconds_for_an_answer_is_slow_and_not_useless() {
     let mut bench = UpdateBench::empty();
     let file = short_file(400);
