@@ -71,7 +71,9 @@ from a controller that was held in configuration mode.
 A test that cannot fail proves nothing. So two programs put mistakes into the firmware, and the
 tests must notice them: `make mutants` with the unit tests (`.cargo/mutants.toml` leaves out
 mistakes that make the same program), and `make elf-mutants`, which breaks the shipped program in
-each place that `tests/elf-mutants.txt` names and runs the tests on simulated boards.
+each place that `tests/elf-mutants.txt` names and runs the tests on simulated boards. What a test on
+a board says has no unit test besides: a mistake in `src` that `make mutants` lists as missed must
+fail on a board.
 
 ## What the node does not notice
 
