@@ -254,7 +254,7 @@ mod tests {
         messages(&mut log, temperature, &mut now_ms);
         assert_eq!(messages(&mut log, set(&[temperature, passive]), &mut now_ms).len(), 1);
         let end = told(INFO, "over: temperature out of range");
-        assert_eq!(messages(&mut log, passive, &mut now_ms), [end.clone()]);
+        assert_eq!(messages(&mut log, passive, &mut now_ms), std::slice::from_ref(&end));
         let texts = messages(&mut log, Conditions::NONE, &mut now_ms);
         assert_eq!(texts, [end, told(INFO, "over: CAN H/L: error-passive")]);
     }

@@ -69,10 +69,11 @@ fn bytes_come_at_115200_baud_without_gaps() {
     assert!(bytes.len() > 60);
     // A byte has ten bits of 136 cycles: 117,647 baud, 2.1 % fast, like the Arduino core.
     let gaps: Vec<u64> = bytes.windows(2).map(|pair| pair[1].0 - pair[0].0).collect();
-    assert_eq!(gaps.iter().min(), Some(&((1360.0 / corner().clock_rate()) as u64)));
+    let byte = (1360.0 / corner().clock_rate()) as u64;
+    assert_eq!(gaps.iter().min(), Some(&byte));
     // The line is idle for 1.5 ms in all, mostly while the node reads both copies of the parameters
     // from the EEPROM, and for less than a byte in a long turn. With all features there are more.
-    let idle: u64 = gaps[..55].iter().map(|gap| gap - 1360).sum();
+    let idle: u64 = gaps[..55].iter().map(|gap| gap - byte).sum();
     let most = if rig::has_all_features() { 28_000 } else { 24_000 };
     assert!(idle < most, "idle for {idle} cycles: {gaps:?}");
 }
