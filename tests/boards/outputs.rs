@@ -311,6 +311,7 @@ fn a_failsafe_and_its_end_are_told_by_log_messages() {
 
 /// While the cable is out every message is lost. The failsafe may end before a message can be sent.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_failsafe_that_began_while_the_cable_was_out_is_told_when_it_is_back() {
     for (out_ms, is_commanded) in [(700, true), (5000, true), (5000, false)] {
         let mut rig = hub();

@@ -74,6 +74,7 @@ fn greatest_error(heard: &[(Cycles, Rpm)], rpm: f64) -> f64 {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn speeds_from_60_to_234_000_are_within_a_fifth_of_a_percent() {
     let mut rig = counting();
     for rpm in [60.0, 61.7, 600.0, 6_000.0, 6_017.0, 59_957.0, 60_000.0, 60.0 * HIGHEST_HZ] {
@@ -252,6 +253,7 @@ fn on_a_full_bus_no_frame_is_lost_and_the_speed_is_right() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn on_a_full_bus_with_a_noisy_input_no_frame_is_lost() {
     for load in KINDS.map(|kind| full(kind, 31)) {
         assert_lossless(load, &loaded(counting(), load, 6_000_000.0, 500));

@@ -449,6 +449,7 @@ fn a_command_in_two_frames_does_not_move_the_servo() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn another_node_with_its_id_is_reported_in_the_status_for_ten_seconds() {
     for (type_id, data) in [(COMMAND, &[0][..]), (STATUS, &TEN_SECONDS)] {
         let mut rig = PROGRAM.running();
@@ -662,6 +663,7 @@ fn the_serial_monitor_logs_each_status_each_command_and_the_temperature() {
 // ---- the measurement ----
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn it_sends_whole_degrees_at_every_third_status_of_the_autopilot() {
     let mut rig = following_autopilot();
     // The last voltage is a short to the supply, which means a temperature that does not fit in a

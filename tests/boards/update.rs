@@ -416,11 +416,13 @@ fn assert_updates_shorten_no_pulse(elf: &Path, outputs: u8) {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn an_update_shortens_no_pulse_whatever_its_phase() {
     assert_updates_shorten_no_pulse(&elf(), 1);
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn an_update_shortens_no_pulse_of_several_outputs_whatever_its_phase() {
     assert_updates_shorten_no_pulse(&Program::With("full").elf(), 6);
 }
@@ -550,6 +552,7 @@ fn cut_power_at_random(cuts: u64, seed: u64) {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn after_four_random_power_cuts_updates_still_succeed() {
     cut_power_at_random(4, 1);
 }

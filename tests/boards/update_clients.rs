@@ -207,6 +207,7 @@ fn a_new_board_whose_power_is_cut_at_its_first_start_is_one_node() {
 
 /// One changed bit in the record: the loader makes an ID, which the program keeps.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_board_whose_unique_id_is_damaged_is_one_node() {
     let whole = UpdateBench::empty().bench.board(0).avr().eeprom();
     for (at, bit) in [(0x04, 1), (0x09, 0x80), (0x13, 0x10), (0x14, 1), (0x15, 0x80), (0x16, 1)] {
@@ -282,6 +283,7 @@ fn the_file_has_a_descriptor_that_is_true() {
 }
 
 #[test]
+#[ignore = "takes long: make test-all"]
 fn px4_offers_a_file_once_and_a_different_one_once() {
     let first = file();
     let mut second = first.clone();
