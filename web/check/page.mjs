@@ -269,6 +269,8 @@ const tests = {
     const clock = async () => Number(/^paused, (\d+\.\d{6}) s/.exec(await text(page, "#speed"))[1]);
     await page.click("#step-bit");
     await until("the first bit", async () => /^Bit 1 of \d+: SOF, dominant/.test(await text(page, "#bit")));
+    // The clock is drawn after the bit.
+    await page.waitForTimeout(500);
     const start = await clock();
     await page.click("#step-bit");
     await until("the second", async () => /^Bit 2 of/.test(await text(page, "#bit")));
@@ -389,7 +391,7 @@ const tests = {
   async "each fault of the simulator has one control, in words"(t) {
     const page = await open(t);
     const source = readFileSync(new URL("../../sim/bench/src/fault.rs", import.meta.url), "utf8");
-    const names = [...source.matchAll(/Fault::\w+ => "([\w-]+)",/g)].map(([, name]) => name);
+    const names = [...source.matchAll(/^ {4}\w+ \w+ "([\w-]+)"/gm)].map(([, name]) => name);
     const buttons = await page.locator(".faults button").evaluateAll((all) =>
       all.map((button) => [button.lastChild.textContent, button.firstChild.textContent]),
     );
