@@ -93,10 +93,14 @@ fn words(decoded: &Decoded) -> String {
     match decoded {
         Decoded::V0(_, Message::ParameterRequest(request)) => {
             let verb = if request.value.is_empty() { "asks for" } else { "sets" };
-            format!("{verb} parameter {request}").replacen("parameter index", "parameter", 1)
+            let what = request.to_string();
+            // Without a name it is "index 113". A name of another node's may begin like that, too.
+            let number = what.strip_prefix("index ").filter(|_| request.name.is_empty());
+            format!("{verb} parameter {}", number.unwrap_or(&what))
         }
         Decoded::V0(_, Message::ParameterResponse(response)) => {
-            format!("parameter {response}").replacen("parameter no such", "no such", 1)
+            let is_none = response.name.is_empty() && response.value.is_empty();
+            if is_none { response.to_string() } else { format!("parameter {response}") }
         }
         _ => decoded.to_string(),
     }
@@ -142,6 +146,8 @@ mod tests {
         };
         let request = of(&mut observer, 0x1E0B_F8FF, &[113, 0, 0xC0]);
         assert_eq!(request, "127>120: asks for parameter 113");
+        let named = of(&mut observer, 0x1E0B_F8FF, b"\0\0index\xC1");
+        assert_eq!(named, "127>120: asks for parameter index");
         let answer = of(&mut observer, 0x1E0B_7FF8, &[0, 0, 0, 0, 0xC0]);
         assert_eq!(answer, "120>127: no such parameter");
     }
