@@ -46,17 +46,17 @@ pub async fn find(desk: &Desk, plan: &Plan) -> Option<Board> {
         })
         .await;
     }
-    let is_silent =
+    let hears_nobody =
         |desk: &Desk| desk.state().statuses.is_empty() && desk.state().others.is_empty();
     let mut has_errors = desk.adapter_errors().await == Some(true);
     // Errors count only as long as nothing was sent: a frame that nobody acknowledges is one, too.
-    if is_silent(desk) && !has_errors {
+    if hears_nobody(desk) && !has_errors {
         desk.note("hears nothing, and listens twice as long again");
         desk.pause(2 * LISTEN).await;
         has_errors = desk.adapter_errors().await == Some(true);
     }
     // A node that hears only errors sends nothing, and says why once it has heard frames.
-    if is_silent(desk) {
+    if hears_nobody(desk) {
         let _ = desk.state_mut().tool.take_id(None, None);
         desk.state_mut().is_silent = false;
         desk.pause(LISTEN).await;
