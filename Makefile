@@ -292,8 +292,8 @@ lint: setup-test sources $(VENV)/installed
 		$(addprefix -p ,$(PUBLISHED)) -p dronecan-host
 	dir=$$(mktemp -d); trap 'rm -rf $$dir' EXIT; \
 		CARGO_TARGET_DIR=$$dir cargo publish --quiet --workspace --dry-run --locked --allow-dirty
-# Without REV= since the last commit of 2.0.0, which has no tag.
-SINCE := $(or $(REV),db37d4f)
+# Without REV= since the last commit of 2.1.0, which has no tag.
+SINCE := $(or $(REV),074a40c)
 ## what changed in the published crates, against their version numbers  (REV=v2.1.0)
 semver: $(TOOLS)/bin/cargo-semver-checks
 	PATH="$(abspath $(TOOLS))/bin:$$PATH" cargo semver-checks --baseline-rev $(SINCE) \
