@@ -44,7 +44,7 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         Some(Err(error)) => {
-            eprintln!("sim: {}", visible(&error));
+            complain(&error);
             return ExitCode::from(WRONG_USAGE);
         }
     }
@@ -54,7 +54,7 @@ fn main() -> ExitCode {
         Err(error) if is_broken_pipe(&error) => ExitCode::SUCCESS,
         Err(error) => {
             // Errors can have text from an ELF file or a script.
-            format!("{error:#}").lines().for_each(|line| eprintln!("sim: {}", visible(line)));
+            format!("{error:#}").lines().for_each(complain);
             ExitCode::from(if is_usage(&error) { WRONG_USAGE } else { MACHINE_FAILED })
         }
     }
@@ -81,7 +81,8 @@ fn run(args: &Args) -> Result<ExitCode> {
         run::plain(&mut scene, args, &stop, io::stdout().lock())?;
     } else {
         let speed = run::live(&mut scene, args, &stop)?;
-        io::stdout().write_all(summary(scene.state(), speed).as_bytes())?;
+        // The window may be closed.
+        let _ = io::stdout().write_all(summary(scene.state(), speed).as_bytes());
     }
     if let Some(path) = &args.json {
         let json = Report::new(scene.state(), &args.judgement()).to_json();
@@ -90,9 +91,14 @@ fn run(args: &Args) -> Result<ExitCode> {
     }
     let (code, reason) = args.judgement().exit(scene.state());
     if let Some(reason) = reason {
-        eprintln!("sim: {reason}");
+        complain(&reason);
     }
     Ok(code)
+}
+
+/// Prints a line on the error output, whose terminal may be closed.
+fn complain(text: &str) {
+    let _ = writeln!(io::stderr(), "sim: {}", visible(text));
 }
 
 /// Returns a flag that signals set. The run then ends between two slices, so that it restores the

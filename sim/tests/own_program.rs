@@ -580,24 +580,33 @@ fn control_z_stops_the_live_view_and_a_continued_one_draws_again() {
     assert!(child.wait().unwrap().success());
 }
 
-/// When its window is closed, a simulator must not run for ever.
+/// When its window is closed, a simulator must not run for ever, and leaves what `q` leaves.
 #[test]
 fn a_live_view_ends_when_its_terminal_is_closed() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
+    let (port, report) = (scratch.path("port"), scratch.path("report.json"));
     for _ in 0..5 {
         let (mut terminal, slave) = terminal();
-        let mut child = on_terminal(&program, slave).spawn().unwrap();
+        let mut sim = on_terminal(&program, slave);
+        let mut child = sim.arg("--slcan").arg(&port).arg("--json").arg(&report).spawn().unwrap();
         read_until(&mut terminal, "MCP2515");
         drop(terminal);
         let start = Instant::now();
-        while child.try_wait().unwrap().is_none() {
+        let status = loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                break status;
+            }
             if start.elapsed() > Duration::from_secs(60) {
                 child.kill().unwrap();
                 panic!("sim still runs");
             }
             std::thread::sleep(Duration::from_millis(10));
-        }
+        };
+        assert_eq!(status.code(), Some(0), "as after q");
+        assert!(fs::symlink_metadata(&port).is_err(), "the link of the port is still there");
+        assert!(fs::read_to_string(&report).unwrap().contains("exit_code"), "no report");
+        fs::remove_file(&report).unwrap();
     }
 }
 

@@ -14,7 +14,7 @@ use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::fs::{Mode, OFlags, fcntl_setfl, open};
-use rustix::io::{Errno, read, write};
+use rustix::io::{Errno, read, retry_on_intr, write};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 use std::fs;
@@ -139,7 +139,7 @@ impl Pty {
         }
         // The kernel's queue overflowed: there was at least one opening, and the master shows the
         // present state.
-        let is_open = is_open(&self.master);
+        let is_open = !is_hung_up(&self.master);
         watch.openers = usize::from(is_open);
         Openings { count: count.max(1), is_open }
     }
@@ -184,14 +184,12 @@ impl Pty {
     }
 }
 
-/// True if any program has the slave end open.
-fn is_open(master: &OwnedFd) -> bool {
-    let mut ends = [PollFd::new(master, PollFlags::IN)];
+/// True if the other end of a terminal is closed.
+pub fn is_hung_up(end: &OwnedFd) -> bool {
+    let mut ends = [PollFd::new(end, PollFlags::IN)];
     let now = Timespec { tv_sec: 0, tv_nsec: 0 };
-    match poll(&mut ends, Some(&now)) {
-        Ok(_) => !ends[0].revents().contains(PollFlags::HUP),
-        Err(_) => false,
-    }
+    retry_on_intr(|| poll(&mut ends, Some(&now))).is_ok()
+        && ends[0].revents().contains(PollFlags::HUP)
 }
 
 /// Counts the programs that have a device open.

@@ -12,6 +12,7 @@ use super::pace::{Measured, Pace, Speed};
 use super::plain::Plain;
 use super::scene::Scene;
 use super::screen::Screen;
+use crate::links::pty::is_hung_up;
 use anyhow::{Context, Result};
 use bench::{Cycles, F_CPU_HZ};
 use ratatui::DefaultTerminal;
@@ -19,12 +20,13 @@ use ratatui::backend::CrosstermBackend;
 use ratatui::crossterm::event::{self, Event};
 use ratatui::crossterm::execute;
 use ratatui::crossterm::terminal::{Clear, ClearType, EnterAlternateScreen, enable_raw_mode};
-use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::process::{Signal, kill_current_process_group};
 use std::fs::File;
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::{AsFd, OwnedFd};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// Length of a slice in real time: short enough that keys and motion show no delay.
@@ -45,6 +47,8 @@ const SLICE_MIN: Cycles = F_CPU_HZ / 10_000;
 const SLICE_MAX: Cycles = F_CPU_HZ / 50;
 /// Real time between two pictures: 25 a second, which a terminal over a network can show.
 const PICTURE_PERIOD: Duration = Duration::from_millis(40);
+/// Keys that can wait for the end of a slice: more than anybody types in that time.
+const KEYS_MAX: usize = 64;
 
 /// Wall clock and pace of a run.
 struct Clock {
@@ -125,7 +129,7 @@ fn print_events(
     while !clock.is_over(scene) && !stop.load(Ordering::Relaxed) {
         let wait = clock.step(scene)?;
         view.step(scene.state_mut())?;
-        std::thread::sleep(wait);
+        thread::sleep(wait);
     }
     Ok(())
 }
@@ -137,9 +141,13 @@ fn print_events(
 /// If a link cannot go on, or the terminal fails.
 pub fn live(scene: &mut Scene, args: &Args, stop: &AtomicBool) -> Result<Measured> {
     // Also installs a panic hook that restores the terminal before the message is printed.
-    let terminal = ratatui::try_init().context("cannot use this terminal: try --plain")?;
+    let mut terminal = ratatui::try_init().context("cannot use this terminal: try --plain")?;
     let restored = Restored;
-    let speed = live_loop(terminal, scene, args, stop);
+    let speed = live_loop(&mut terminal, scene, args, stop);
+    if terminal.show_cursor().is_err() {
+        // Dropped, it would print the error, and panic on a closed terminal.
+        std::mem::forget(terminal);
+    }
     drop(restored);
     // After an error, too: the other links can still write their files.
     let finished = scene.finish();
@@ -157,7 +165,7 @@ impl Drop for Restored {
 }
 
 fn live_loop(
-    mut terminal: DefaultTerminal,
+    terminal: &mut DefaultTerminal,
     scene: &mut Scene,
     args: &Args,
     stop: &AtomicBool,
@@ -170,10 +178,7 @@ fn live_loop(
     let mut next_picture = Instant::now();
     let mut next_slice = Instant::now();
     'run: loop {
-        if clock.is_over(scene)
-            || stop.load(Ordering::Relaxed)
-            || keyboard.poll(Duration::ZERO)? == KeyboardState::Closed
-        {
+        if clock.is_over(scene) || stop.load(Ordering::Relaxed) || keyboard.is_closed() {
             break;
         }
         if !screen.is_paused && Instant::now() >= next_slice {
@@ -189,7 +194,7 @@ fn live_loop(
         if Instant::now() >= next_picture {
             screen.speed = clock.measured();
             let drawn = terminal.draw(|frame| page = live::draw(frame, scene.state(), &screen));
-            if drawn.is_err() && keyboard.poll(Duration::ZERO)? == KeyboardState::Closed {
+            if drawn.is_err() && keyboard.is_closed() {
                 break;
             }
             drawn.context("cannot draw on the terminal")?;
@@ -197,13 +202,9 @@ fn live_loop(
         }
         let next = if screen.is_paused { next_picture } else { next_slice.min(next_picture) };
         let mut wait = next.saturating_duration_since(Instant::now());
-        loop {
-            match keyboard.wait(wait)? {
-                KeyboardState::Closed => break 'run,
-                KeyboardState::Empty => break,
-                KeyboardState::Ready => wait = Duration::ZERO,
-            }
-            let Event::Key(key) = event::read()? else {
+        while let Some(event) = keyboard.wait(wait)? {
+            wait = Duration::ZERO;
+            let Event::Key(key) = event else {
                 continue;
             };
             match keys::action(key, screen.popup) {
@@ -211,7 +212,7 @@ fn live_loop(
                 Some(Action::Quit) => break 'run,
                 Some(Action::Suspend) => {
                     let before = clock.started.elapsed();
-                    suspend(&mut terminal)?;
+                    suspend(terminal)?;
                     // The end of a pause counts all the time since its beginning.
                     if !screen.is_paused {
                         let now = clock.started.elapsed();
@@ -255,21 +256,14 @@ fn suspend(terminal: &mut DefaultTerminal) -> Result<()> {
     Ok(())
 }
 
-/// State of the terminal's input.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum KeyboardState {
-    /// Nothing to read.
-    Empty,
-    /// Something to read.
-    Ready,
-    /// The terminal is closed.
-    Closed,
+/// The terminal that crossterm reads from, and the events that it has read.
+///
+/// Crossterm 0.29 never returns from a read of a closed terminal (event/source/unix/mio.rs). So a
+/// thread reads, which the end of the program ends, and nobody waits for it.
+struct Keyboard {
+    terminal: OwnedFd,
+    events: Receiver<io::Result<Event>>,
 }
-
-/// The terminal that crossterm reads from. Crossterm 0.29 never returns from a read of a closed
-/// terminal (event/source/unix/mio.rs), so the terminal must be polled before each call of
-/// crossterm.
-struct Keyboard(OwnedFd);
 
 impl Keyboard {
     /// Opens the same terminal as crossterm: standard input if it is a terminal, else the
@@ -281,43 +275,22 @@ impl Keyboard {
         } else {
             File::open("/dev/tty")?.into()
         };
-        Ok(Keyboard(terminal))
+        let (sender, events) = sync_channel(KEYS_MAX);
+        thread::spawn(move || while sender.send(event::read()).is_ok() {});
+        Ok(Keyboard { terminal, events })
+    }
+
+    fn is_closed(&self) -> bool {
+        is_hung_up(&self.terminal)
     }
 
     /// Waits for a key or another event of the terminal, at most for `wait`.
-    fn wait(&self, wait: Duration) -> io::Result<KeyboardState> {
-        if self.poll(Duration::ZERO)? == KeyboardState::Closed {
-            return Ok(KeyboardState::Closed);
-        }
-        let has_event = || event::poll(Duration::ZERO).or_else(ignore_signal);
-        // Crossterm can have read events before that it has not returned yet.
-        if has_event()? {
-            return Ok(KeyboardState::Ready);
-        }
-        Ok(match self.poll(wait)? {
-            // The first half of an escape sequence is not an event yet.
-            KeyboardState::Ready if !has_event()? => KeyboardState::Empty,
-            state => state,
-        })
-    }
-
-    /// Waits until there is something to read or the terminal is closed, at most for `wait`.
-    fn poll(&self, wait: Duration) -> io::Result<KeyboardState> {
-        let mut terminal = [PollFd::new(&self.0, PollFlags::IN)];
-        let wait = Timespec::try_from(wait).map_err(io::Error::other)?;
-        match poll(&mut terminal, Some(&wait)) {
-            Ok(0) => Ok(KeyboardState::Empty),
-            Ok(_)
-                if terminal[0]
-                    .revents()
-                    .intersects(PollFlags::HUP | PollFlags::ERR | PollFlags::NVAL) =>
-            {
-                Ok(KeyboardState::Closed)
-            }
-            Ok(_) => Ok(KeyboardState::Ready),
-            // A signal: the loop checks the flag that it sets.
-            Err(rustix::io::Errno::INTR) => Ok(KeyboardState::Empty),
-            Err(error) => Err(error.into()),
+    fn wait(&self, wait: Duration) -> io::Result<Option<Event>> {
+        match self.events.recv_timeout(wait) {
+            Ok(Err(_)) if self.is_closed() => Ok(None),
+            Ok(event) => event.map(Some),
+            Err(RecvTimeoutError::Timeout) => Ok(None),
+            Err(RecvTimeoutError::Disconnected) => Err(io::ErrorKind::UnexpectedEof.into()),
         }
     }
 }
@@ -338,15 +311,6 @@ fn apply(action: Action, scene: &mut Scene, screen: &mut Screen, page: usize) {
             screen.acknowledged = (screen.acknowledged + 1).min(hints);
         }
         action => screen.apply(action, &scene.state().traffic, page),
-    }
-}
-
-/// Turns an interruption by a signal into "no event". The loop checks the flag that the signal
-/// sets.
-fn ignore_signal(error: io::Error) -> io::Result<bool> {
-    match error.kind() {
-        io::ErrorKind::Interrupted => Ok(false),
-        _ => Err(error),
     }
 }
 
