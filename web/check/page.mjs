@@ -583,7 +583,7 @@ const tests = {
   async "chips at a corner make longer and shorter pulses, and a link has the corner"(t) {
     const page = await open(t);
     await isRunning(page);
-    assert.equal(await text(page, "#corner-text"), "Values of the data sheets");
+    assert.equal(await text(page, "#corner-text"), "Typical values");
     const width = async () => Number.parseFloat(await page.locator(".output strong").first().innerText());
     const becomes = async (expected) => {
       await setSlider(page, ".command input", 0, 0);
@@ -608,7 +608,7 @@ const tests = {
     const other = await open(t, { url });
     assert.equal(await text(other, "#corner-text"), values);
     await other.selectOption("#corner", "typical");
-    assert.equal(await text(other, "#corner-text"), "Values of the data sheets");
+    assert.equal(await text(other, "#corner-text"), "Typical values");
     await isRunning(other);
     return other;
   },

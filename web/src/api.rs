@@ -197,9 +197,7 @@ impl Simulation {
         avr.set_eeprom(eeprom);
         let knows_vendor_code = ours.board.is_some();
         let mut page = Page::new(avr, wiring, *bit_rate, knows_vendor_code, autopilot)?;
-        if corner != Corner::default() {
-            page.world().board().set_corner(&corner);
-        }
+        page.world().board().set_corner(&corner);
         Ok(Simulation(page))
     }
 

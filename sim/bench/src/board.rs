@@ -179,11 +179,15 @@ impl Board {
         self.avr.run_until(t)
     }
 
-    /// Gives the chips the values of a corner, before the board runs.
+    /// Gives the chips the values of a corner, before the board runs. A new board has the typical
+    /// ones.
     ///
     /// # Panics
-    /// If the board has run already.
+    /// If the board has run already, and has other values.
     pub fn set_corner(&mut self, corner: &Corner) {
+        if *corner == self.corner {
+            return;
+        }
         self.corner = *corner;
         self.avr.set_silicon(corner.silicon());
         let (ppm, settling) = corner.can_oscillator();

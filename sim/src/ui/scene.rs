@@ -144,9 +144,7 @@ impl Scene {
         let corner = args.wires.corner();
         let fitted = |avr: Avr| {
             let mut board = Board::wired(avr, &wiring)?;
-            if corner != Corner::default() {
-                board.set_corner(&corner);
-            }
+            board.set_corner(&corner);
             anyhow::Ok(board)
         };
         let node = bench.add_board(fitted(avr)?, "node");

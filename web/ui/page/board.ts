@@ -41,7 +41,7 @@ export class BoardView {
     this.temperature.value = "20";
     this.brightness.value = "0";
     setText(byId("wiring"), wiring.text);
-    setText(byId("corner-text"), wiring.corner || "Values of the data sheets");
+    setText(byId("corner-text"), wiring.corner || "Typical values");
     byId("light-box").hidden = wiring.light === null;
     this.picture.begin(wiring);
     if (wiring.button !== null) {
