@@ -7,7 +7,8 @@ use std::collections::VecDeque;
 
 use anyhow::{Context, Result, anyhow, ensure};
 use bench::autopilot::{Moves, Profile, Settings};
-use bench::avr::{Avr, Firmware, ResetCause, State};
+use bench::avr::{Avr, Firmware, ResetCause};
+use bench::board::PULSE_TIMEOUT;
 use bench::boards;
 use bench::bus_log::{BusLog, Format};
 use bench::can::{BusStats, Record, RecordKind};
@@ -15,6 +16,7 @@ use bench::dronecan::{
     Decoded, Dialect, LightCommand, Message, NodeStatus, Observer, Value, draft,
 };
 use bench::fault::{ALL, Fault};
+use bench::findings;
 use bench::mcp2515::Fate;
 use bench::node_ids::{self, CAN_NODE};
 use bench::script;
@@ -31,8 +33,6 @@ use crate::world::{Happened, World};
 const KEPT: usize = 4096;
 /// Frames of a log of the bus: at least 20 seconds.
 const LOGGED: usize = 200_000;
-/// A PWM output without a pulse for this long is off.
-const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 /// Default of the parameter LIGHT_ID.
 const LIGHT_ID: u8 = 0;
 /// Value of OUTn_TYPE for a motor.
@@ -397,10 +397,7 @@ impl Page {
         let node = self.node(now);
         let client = self.world.client.dialogue.json();
         let board = self.world.board();
-        let crash = match board.avr().state() {
-            State::Crashed(pc) => Some(format!("the program counter left the flash at {pc:#06x}")),
-            _ => None,
-        };
+        let crash = findings::crash(board.avr());
         json!({
             "now": seconds(now),
             "autopilot": autopilot,

@@ -19,6 +19,7 @@ use bench::i2c;
 use bench::inject::{Injector, Target};
 use bench::mcp2515::LoggedFrame;
 use bench::script::{Action, BenchEvent};
+use bench::serial_line::SerialLine;
 use bench::slcan::{Port, Slcan};
 use bench::vcd::{self, Drawn, Wire, Writer};
 use bench::wiring::Wiring;
@@ -29,8 +30,6 @@ use crate::spi::{Transaction, Transactions};
 
 /// Longest simulated time between two calls of the stations.
 const SLICE: Cycles = F_CPU_HZ / 1000;
-/// Longest line of the serial monitor. A longer one is cut.
-const LINE_MAX: usize = 200;
 /// Bytes that wait for the client of the adapter.
 const OUTPUT_MAX: usize = 64 * 1024;
 /// Node ID of the program before it is known otherwise.
@@ -118,7 +117,7 @@ pub struct World {
     recording: Option<Recording>,
     /// `None` if nobody asked for hints.
     findings: Option<Findings>,
-    line: String,
+    line: SerialLine,
     transactions: Transactions,
     happened: Happened,
 }
@@ -155,7 +154,7 @@ impl World {
             adapter: None,
             recording: None,
             findings: None,
-            line: String::new(),
+            line: SerialLine::default(),
             transactions: Transactions::default(),
             happened: Happened::default(),
         })
@@ -218,12 +217,7 @@ impl World {
 
     /// Replaces the autopilot by one with other settings, at its power-on.
     pub fn replace_autopilot(&mut self, settings: Settings) {
-        let (bit_rate, now) = (self.bench.bus().bit_rate(), self.now());
-        let successor = self.autopilot.successor(settings, bit_rate, now);
-        let port = self.bench.attach("autopilot", successor.station());
-        std::mem::replace(&mut self.autopilot, successor).switch_off();
-        let old = std::mem::replace(&mut self.autopilot_port, port);
-        self.bench.detach(old);
+        self.autopilot.replace(settings, &mut self.bench, &mut self.autopilot_port);
     }
 
     /// Sets the temperature at the sensor in degrees Celsius.
@@ -298,11 +292,7 @@ impl World {
             BenchEvent::Fault(fault) => self.inject(fault),
             BenchEvent::Serial(bytes) => self.board().avr_mut().serial_send(&bytes),
             BenchEvent::I2c(setting) => self.i2c.set(&setting),
-            BenchEvent::Shaft(rpm) => {
-                // No speed stops it.
-                let period = (60 * F_CPU_HZ).checked_div(rpm.into()).unwrap_or(0);
-                self.board().set_pulse_period(period);
-            }
+            BenchEvent::Shaft(rpm) => self.board().set_shaft_rpm(rpm),
             BenchEvent::Set(setting) => match setting.check(self.board().wiring()) {
                 Ok(()) => setting.apply(self.board()),
                 Err(error) => {
@@ -348,12 +338,9 @@ impl World {
 
     fn collect(&mut self) {
         self.collect_from_second();
-        for record in self.bench.bus().take_records() {
-            use bench::can::RecordKind::{ErrorFrame, Frame};
-            let (Frame { from, .. } | ErrorFrame { from, .. }) = record.kind;
-            let from = from.map(|port| self.bench.bus().name(port).to_owned());
-            self.happened.records.push((record, from));
-        }
+        let records = self.bench.take_records().into_iter();
+        let named = records.map(|(record, from)| (record, from.map(|(_, name)| name)));
+        self.happened.records.extend(named);
         for station in self.script_stations.iter().chain([self.injector.babbler()]) {
             station.borrow_mut().take_received();
         }
@@ -365,9 +352,7 @@ impl World {
         }
         take_pulses(board, &mut self.happened.pulses);
         let mistakes = board.take_violations().into_iter();
-        self.happened.mistakes.extend(
-            mistakes.map(|mistake| (mistake.at, format!("{}: {}", mistake.source, mistake.text))),
-        );
+        self.happened.mistakes.extend(mistakes.map(|mistake| (mistake.at, mistake.to_string())));
         self.happened.received.extend(board.chip().borrow_mut().take_frame_log());
         for (at, event) in board.take_wire_events() {
             if let Some(Recording { writer, drawn, .. }) = &mut self.recording {
@@ -392,8 +377,7 @@ impl World {
         let board = self.bench.board(second);
         take_pulses(board, &mut self.happened.second_pulses);
         for mistake in board.take_violations() {
-            let text = format!("second node: {}: {}", mistake.source, mistake.text);
-            self.happened.mistakes.push((mistake.at, text));
+            self.happened.mistakes.push((mistake.at, format!("second node: {mistake}")));
         }
         board.avr_mut().serial_take();
         board.chip().borrow_mut().take_frame_log();
@@ -411,16 +395,9 @@ impl World {
             self.happened.hints.push((character.start, text));
         }
         let byte = (character.levels >> 1) as u8;
-        match byte {
-            b'\r' => return,
-            b'\n' => {}
-            b' '..=b'~' => self.line.push(char::from(byte)),
-            _ => self.line.push_str(&format!("\\x{byte:02x}")),
-        }
-        if byte == b'\n' || self.line.len() >= LINE_MAX {
-            let end = character.start + u64::from(character.bits) * character.cycles_per_bit;
-            self.happened.lines.push((end, std::mem::take(&mut self.line)));
-        }
+        let end = character.start + u64::from(character.bits) * character.cycles_per_bit;
+        let line = self.line.push(character.start, byte);
+        self.happened.lines.extend(line.map(|(_, text)| (end, text)));
     }
 }
 

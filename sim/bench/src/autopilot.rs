@@ -23,9 +23,9 @@ mod tests;
 pub use allocator::Allocator;
 pub use profile::Profile;
 
-use crate::can::{Frame, SoftNode, StationRef};
+use crate::can::{Frame, PortId, SoftNode, StationRef};
 use crate::dronecan::{CanId, Dialect, Message, NodeId, Observer, TransferId, draft};
-use crate::{Cycles, F_CPU_HZ};
+use crate::{Bench, Cycles, F_CPU_HZ};
 use std::cell::RefCell;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -314,27 +314,30 @@ impl Autopilot {
 
     /// Removes the power for good: a frame on the bus is cut off, and the station sends and
     /// acknowledges nothing more.
-    pub fn switch_off(self) {
+    fn switch_off(self) {
         let mut station = self.station.borrow_mut();
         station.set_listen_only(true);
         station.clear_queue();
     }
 
-    /// An autopilot with other settings that starts at `now`, with the motion, arming and silence
-    /// of this one.
-    pub fn successor(&self, settings: Settings, bit_rate: u32, now: Cycles) -> Autopilot {
+    /// Replaces the autopilot at a port of a bench by one with other settings that starts now, with
+    /// the motion, arming and silence of the old one.
+    pub fn replace(&mut self, settings: Settings, bench: &mut Bench, port: &mut PortId) {
         let (motion, held, held_motors) =
             (self.motion, self.held.clone(), self.held_motors.clone());
         let (silent, armed, safe) = (self.silent, self.armed, self.safe);
-        Autopilot {
+        let new = Autopilot {
             motion,
             held,
             held_motors,
             silent,
             armed,
             safe,
-            ..Autopilot::powered(settings, bit_rate, now)
-        }
+            ..Autopilot::powered(settings, bench.bus().bit_rate(), bench.now())
+        };
+        let new_port = bench.attach("autopilot", new.station());
+        bench.detach(std::mem::replace(port, new_port));
+        std::mem::replace(self, new).switch_off();
     }
 
     /// The settings.

@@ -6,7 +6,7 @@
 //! by one instruction.
 
 use crate::board::Board;
-use crate::can::{Bus, PortId, StationRef};
+use crate::can::{Bus, PortId, Record, RecordKind, StationRef};
 use crate::{Cycles, F_CPU_HZ};
 
 /// Boards and other stations on one bus.
@@ -58,6 +58,18 @@ impl Bench {
     /// The bus, for faults, records and statistics.
     pub fn bus(&mut self) -> &mut Bus {
         &mut self.bus
+    }
+
+    /// Removes and returns the records of the bus since the last call, each with the port and the
+    /// name of its sender, if known.
+    pub fn take_records(&mut self) -> Vec<(Record, Option<(PortId, String)>)> {
+        let named = |bus: &Bus, record: Record| {
+            let (RecordKind::Frame { from, .. } | RecordKind::ErrorFrame { from, .. }) =
+                record.kind;
+            (record, from.map(|port| (port, bus.name(port).to_owned())))
+        };
+        let records = self.bus.take_records().into_iter();
+        records.map(|record| named(&self.bus, record)).collect()
     }
 
     /// Simulated time since power-on.

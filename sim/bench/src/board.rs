@@ -28,18 +28,21 @@ use std::rc::Rc;
 
 use anyhow::{Context, Result};
 
-use crate::Cycles;
 use crate::avr::{Avr, Oc, Pulse, PulseMeter, ResetCause, State};
 use crate::corner::Corner;
 use crate::lm35 as sensor;
 use crate::mcp2515::Mcp2515;
 use crate::shaft::Shaft;
 use crate::wiring::{Pin, Wiring};
+use crate::{Cycles, F_CPU_HZ};
 pub use wires::{PinUse, SpiUse, Violation, Wire, WireEvent, WrongWire};
 use wires::{SpiEnd, Wires};
 
 /// D3 is the output OC2B of Timer2, which can dim a light.
 const OC2B: (char, u8) = ('D', 3);
+
+/// A PWM output without a pulse for this long is off. Usual servo periods are 20 ms or less.
+pub const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 
 /// A board with its two chips and its outputs.
 pub struct Board {
@@ -324,9 +327,11 @@ impl Board {
         self.avr.set_analog_noise_uv(amplitude * 1000, seed);
     }
 
-    /// Sets the time from one pulse of the shaft to the next; 0 stops the shaft. Has no effect on a
-    /// board whose program counts no pulses.
-    pub fn set_pulse_period(&mut self, period: Cycles) {
+    /// Sets the speed of the shaft in revolutions a minute. Has no effect on a board whose program
+    /// counts no pulses.
+    pub fn set_shaft_rpm(&mut self, rpm: u32) {
+        // A period of 0 stops it.
+        let period = (60 * F_CPU_HZ).checked_div(rpm.into()).unwrap_or(0);
         self.shaft.set_period(period, self.avr.now());
     }
 

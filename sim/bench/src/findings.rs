@@ -2,8 +2,10 @@
 //! and a frame that waits in a mode of the controller that does not send. Each hint is given once.
 //!
 //! A finding is not a mistake of the program, which may fit another board. That the serial port has
-//! one of the rates of serial monitors is no hint, but a note.
+//! one of the rates of serial monitors is no hint, but a note. [`crash`] says why a program cannot
+//! go on.
 
+use crate::avr::{Avr, State};
 use crate::board::{Board, PinUse};
 use crate::mcp2515::{LoggedFrame, Mcp2515, Mode};
 use crate::wiring::Pin;
@@ -222,6 +224,23 @@ fn kilo(rate: u64) -> String {
         format!("{}", rate / 1000)
     } else {
         format!("{:.1}", rate as f64 / 1000.0)
+    }
+}
+
+/// What is added to a consequence of a stack that has run into variables.
+pub fn after_overrun(avr: &Avr) -> &'static str {
+    if avr.has_stack_overrun() { ", after its stack had run into variables" } else { "" }
+}
+
+/// Why the program cannot go on; `None` if it can.
+pub fn crash(avr: &Avr) -> Option<String> {
+    match avr.state() {
+        State::Crashed(pc) => Some(format!(
+            "the program counter left the flash that can be read, at {pc:#06x}{}",
+            after_overrun(avr)
+        )),
+        State::Done => Some(String::from("asleep for ever, with interrupts off")),
+        State::Running | State::Sleeping => None,
     }
 }
 

@@ -25,6 +25,7 @@ pub mod lm35;
 pub mod node_ids;
 pub mod pins;
 pub mod script;
+pub mod serial_line;
 pub mod shaft;
 pub mod slcan;
 pub mod vcd;

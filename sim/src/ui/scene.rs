@@ -21,10 +21,10 @@ use crate::pins::Watched;
 use crate::usage::OrUsage;
 use anyhow::{Context, Result, anyhow};
 use bench::autopilot::{Autopilot, Moves, Settings};
-use bench::avr::{self, Avr, Firmware, ResetCause};
+use bench::avr::{Avr, Firmware, ResetCause};
 use bench::board::Board;
 use bench::budget::Budget;
-use bench::can::{self, PortId};
+use bench::can::PortId;
 use bench::corner::Corner;
 use bench::dronecan::text::visible;
 use bench::findings;
@@ -495,9 +495,7 @@ impl Scene {
 
     fn set_shaft(&mut self, rpm: u32) {
         self.state.shaft_rpm = rpm;
-        // No speed stops it.
-        let period = (60 * F_CPU_HZ).checked_div(rpm.into()).unwrap_or(0);
-        self.bench.board(self.node).set_pulse_period(period);
+        self.board().set_shaft_rpm(rpm);
     }
 
     /// Lowers the voltage of the circuit with `--pwr-discharge`.
@@ -558,16 +556,11 @@ impl Scene {
     /// Replaces the autopilot by one of the other dialect, at its power-on. The next replacement
     /// has the first one's settings again.
     fn replace_autopilot(&mut self) {
-        let Some((autopilot, port)) = self.autopilot.take() else { return };
+        let Some((autopilot, port)) = &mut self.autopilot else { return };
         let old = autopilot.settings().clone();
         let dialect = old.dialect.other();
         let new = self.replaced.replace(old.clone()).unwrap_or_else(|| old.in_dialect(dialect));
-        let (bit_rate, now) = (self.bench.bus().bit_rate(), self.now());
-        let successor = autopilot.successor(new, bit_rate, now);
-        autopilot.switch_off();
-        self.bench.detach(port);
-        let port = self.bench.attach("autopilot", successor.station());
-        self.autopilot = Some((successor, port));
+        autopilot.replace(new, &mut self.bench, port);
     }
 
     fn board(&mut self) -> &mut Board {
@@ -627,14 +620,11 @@ impl Scene {
         self.state.i2c = self.i2c.written();
         self.state.pins = self.watched.iter().map(Watched::text).collect();
         for violation in board.take_violations() {
-            let text = format!("{}: {}", violation.source, violation.text);
             if self.is_chip_disturbed {
-                self.state.report(
-                    violation.at,
-                    Event::Fault(format!("after a fault of the chip: {text}")),
-                );
+                let text = format!("after a fault of the chip: {violation}");
+                self.state.report(violation.at, Event::Fault(text));
             } else {
-                self.state.add_mistake(violation.at, text);
+                self.state.add_mistake(violation.at, violation.to_string());
             }
         }
         let unmodelled = board.avr().unmodelled_after(self.unmodelled_seen);
@@ -652,14 +642,14 @@ impl Scene {
         let jumps = board.avr().jumps_after(self.jumps_seen);
         self.jumps_seen += jumps.len();
         for at in jumps {
-            self.state.add_jump(at, after_overrun(board.avr()));
+            self.state.add_jump(at, findings::after_overrun(board.avr()));
         }
         let resets = board.avr().resets_after(self.resets_seen);
         self.resets_seen += resets.len();
         for reset in resets {
             self.state.add_reset(reset.at, format!("{:?}", reset.cause));
         }
-        if let Some(text) = crash(board.avr()) {
+        if let Some(text) = findings::crash(board.avr()) {
             self.state.set_crash(now, text);
         }
         self.state.memory.stack = board.avr().deepest_stack().map(u32::from);
@@ -688,10 +678,9 @@ impl Scene {
             board.take_output_pulses();
             board.chip().borrow_mut().take_frame_log();
             for violation in board.take_violations() {
-                let text = format!("{name}: {}: {}", violation.source, violation.text);
-                self.state.add_mistake(violation.at, text);
+                self.state.add_mistake(violation.at, format!("{name}: {violation}"));
             }
-            if let Some(text) = crash(board.avr()) {
+            if let Some(text) = findings::crash(board.avr()) {
                 self.state.set_crash(now, format!("{name}: {text}"));
             }
         }
@@ -722,20 +711,15 @@ impl Scene {
     }
 
     fn collect_from_bus(&mut self) -> Result<()> {
-        for record in self.bench.bus().take_records() {
-            let from = match record.kind {
-                can::RecordKind::Frame { from, .. } | can::RecordKind::ErrorFrame { from, .. } => {
-                    from
-                }
-            };
-            let station = from.map(|port| self.bench.bus().name(port).to_owned());
-            let from_node = from == Some(self.node_port);
-            self.state.add_record(&record, from_node, station.as_deref());
+        for (record, from) in self.bench.take_records() {
+            let (port, station) = from.unzip();
+            let station = station.as_deref();
+            self.state.add_record(&record, port == Some(self.node_port), station);
             if let Some(script) = &mut self.script {
-                script.record(&record, station.as_deref())?;
+                script.record(&record, station)?;
             }
             for link in &mut self.links {
-                link.record(&record, station.as_deref())?;
+                link.record(&record, station)?;
             }
         }
         // Without this the babbler's queue of received frames would grow without bound.
@@ -803,11 +787,6 @@ fn firmware(args: &Args) -> Result<(PathBuf, Firmware)> {
     Ok((path, firmware))
 }
 
-/// What is added to a consequence of a stack that has run into variables.
-fn after_overrun(avr: &Avr) -> &'static str {
-    if avr.has_stack_overrun() { ", after its stack had run into variables" } else { "" }
-}
-
 fn nobody_at(address: u8) -> String {
     format!(
         "nobody acknowledges {address:#04X} on the two-wire bus: --i2c {address:#04X} puts a \
@@ -821,18 +800,6 @@ fn lost_by(lost: &LoggedFrame) -> &'static str {
         (_, true) => "both receive buffers were full",
         (0, false) => "RXB0 was full, and its bit BUKT lets nothing go on to RXB1, which was empty",
         _ => "RXB1 was full, and no filter of RXB0, which was empty, passes the frame",
-    }
-}
-
-/// Why the program cannot go on; `None` if it can.
-fn crash(avr: &Avr) -> Option<String> {
-    match avr.state() {
-        avr::State::Crashed(pc) => Some(format!(
-            "the program counter left the flash that can be read, at {pc:#06x}{}",
-            after_overrun(avr)
-        )),
-        avr::State::Done => Some(String::from("asleep for ever, with interrupts off")),
-        avr::State::Running | avr::State::Sleeping => None,
     }
 }
 

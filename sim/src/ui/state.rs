@@ -11,13 +11,14 @@ use super::mistakes::Mistakes;
 use super::traffic::{ERROR_FRAME, Origin, Traffic, TrafficLine};
 use crate::fault::Fault;
 use crate::utilisation::measured::LoadByType;
-use bench::board::SpiUse;
+use bench::board::{PULSE_TIMEOUT, SpiUse};
 use bench::budget::Budget;
 use bench::can::{ErrorState, Frame, Id, Record, RecordKind};
 use bench::dronecan::{
     CanId, DataType, Decoded, Dialect, Message, NodeId, NodeStatus, Observation, Observer, draft,
     text::visible,
 };
+use bench::serial_line::SerialLine;
 use bench::vendor_code;
 use bench::wiring::Wiring;
 use bench::{Cycles, F_CPU_HZ};
@@ -26,11 +27,6 @@ use std::collections::VecDeque;
 
 /// Bus load and frame rate are measured over this time.
 const RATE_WINDOW: Cycles = F_CPU_HZ;
-/// Longest line of the serial monitor, in characters. A line that the node does not end is cut
-/// here.
-const SERIAL_LINE_MAX: usize = 200;
-/// A PWM output without a pulse for this long is off. Usual servo periods are 20 ms or less.
-const PULSE_TIMEOUT: Cycles = F_CPU_HZ / 10;
 /// OFFLINE_TIMEOUT_MS of NodeStatus, in v0 and in the draft.
 const OFFLINE_AFTER: Cycles = 3 * F_CPU_HZ;
 /// Intermission between two frames (ISO 11898-1): part of the load, because no frame can use it.
@@ -256,7 +252,7 @@ pub struct State {
     pub links: Vec<String>,
     /// Lasting faults that are on.
     pub active_faults: Vec<Fault>,
-    serial_line: Option<(Cycles, String)>,
+    serial_line: SerialLine,
     observer: Observer,
     /// The nodes that have sent a whole transfer of a known type, as bits: they speak DroneCAN.
     speakers: u128,
@@ -344,17 +340,9 @@ impl State {
         }
     }
 
-    /// Adds a byte from the node's serial port. Bytes that are not printable become `\x..`.
+    /// Adds a byte from the node's serial port.
     pub fn push_serial_byte(&mut self, at: Cycles, byte: u8) {
-        let (_, line) = self.serial_line.get_or_insert((at, String::new()));
-        match byte {
-            b'\r' => return,
-            b'\n' => {}
-            b' '..=b'~' => line.push(char::from(byte)),
-            _ => line.push_str(&format!("\\x{byte:02x}")),
-        }
-        if byte == b'\n' || line.len() >= SERIAL_LINE_MAX {
-            let (at, line) = self.serial_line.take().expect("it was just written to");
+        if let Some((at, line)) = self.serial_line.push(at, byte) {
             self.report(at, Event::Serial(line.clone()));
             self.serial.push((at, line));
         }
@@ -814,19 +802,6 @@ mod tests {
         assert!((state.bus.load_percent(state.now) - 12.8).abs() < 0.01);
         state.advance_to(4 * F_CPU_HZ);
         assert_eq!(state.bus.load_percent(state.now), 0.0);
-    }
-
-    #[test]
-    fn serial_bytes_become_lines() {
-        let mut state = State::new(1_000_000);
-        for (at, byte) in (100..).zip(*b"node 42\r\n\x07") {
-            state.push_serial_byte(at, byte);
-        }
-        assert_eq!(state.serial.last(), Some(&(100, String::from("node 42"))));
-        for byte in *b"x\n" {
-            state.push_serial_byte(200, byte);
-        }
-        assert_eq!(state.serial.last().unwrap().1, "\\x07x");
     }
 
     #[test]

@@ -2,6 +2,7 @@
 //! probe that records them.
 
 use std::cell::{Cell, RefCell};
+use std::fmt;
 use std::rc::Rc;
 
 use crate::Cycles;
@@ -18,6 +19,12 @@ pub struct Violation {
     pub source: &'static str,
     /// Description of the mistake.
     pub text: String,
+}
+
+impl fmt::Display for Violation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.source, self.text)
+    }
 }
 
 /// Counters of the SPI since power-on.

@@ -277,7 +277,7 @@ impl Stand {
     /// the last call.
     pub fn take_violations(&mut self) -> Vec<String> {
         let violations = self.bench.board(0).take_violations().into_iter();
-        violations.map(|violation| format!("{}: {}", violation.source, violation.text)).collect()
+        violations.map(|violation| violation.to_string()).collect()
     }
 
     /// Ends a test. Fails if the driver did something that the datasheet forbids.
