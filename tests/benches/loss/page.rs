@@ -11,15 +11,16 @@ pub struct Row {
     cells: [String; COLUMNS],
 }
 
-const COLUMNS: usize = 10;
+const COLUMNS: usize = 11;
 
 impl Row {
-    pub fn of(scenario: Scenario, outcome: &Outcome, commit: &str) -> Row {
+    pub fn of(scenario: Scenario, minutes: f64, outcome: &Outcome, commit: &str) -> Row {
         let (frames, lost) = (outcome.frames(), outcome.meter.lost);
         Row {
             cells: [
                 scenario.setup.to_string(),
                 flood(scenario),
+                minutes.to_string(),
                 frames.to_string(),
                 lost.to_string(),
                 frames.checked_div(lost).map_or("none".into(), |frames| format!("1 in {frames}")),
@@ -37,7 +38,7 @@ impl Row {
         let cells: Vec<String> =
             line.strip_prefix("| ")?.strip_suffix(" |")?.split(" | ").map(str::to_owned).collect();
         let row = Row { cells: cells.try_into().ok()? };
-        row.cells[2].parse::<u64>().is_ok().then_some(row)
+        row.cells[3].parse::<u64>().is_ok().then_some(row)
     }
 
     /// The program and the flood.
@@ -45,12 +46,16 @@ impl Row {
         self.cells[..2].join(" | ")
     }
 
+    fn minutes(&self) -> f64 {
+        self.cells[2].parse().expect("a number of minutes")
+    }
+
     fn frames(&self) -> u64 {
-        self.cells[2].parse().expect("a number of frames")
+        self.cells[3].parse().expect("a number of frames")
     }
 
     fn lost(&self) -> u64 {
-        self.cells[3].parse().expect("a number of frames")
+        self.cells[4].parse().expect("a number of frames")
     }
 }
 
@@ -113,10 +118,11 @@ fn heading(chip: Chip) -> String {
 }
 
 /// The sentence that other documents quote: the worst row.
-fn sentence(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
+fn sentence(rows: &[Row], chip: Chip, floods: usize) -> String {
     let loss = |row: &&Row| row.lost() as f64 / row.frames().max(1) as f64;
     let worst = rows.iter().max_by(|one, other| loss(one).total_cmp(&loss(other)));
     let frames: u64 = rows.iter().map(Row::frames).sum();
+    let minutes: f64 = rows.iter().map(Row::minutes).sum();
     let lost = match rows.iter().map(Row::lost).sum() {
         0 => "none".to_owned(),
         lost => lost.to_string(),
@@ -127,13 +133,13 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
     };
     let sentence = format!(
         "On a full bus of 1 Mbit/s the {chip} lost {lost} of {frames} frames of valid transfers\n\
-         in {floods} floods of {minutes} simulated minutes each"
+         in {floods} floods of {minutes} simulated minutes in all"
     );
     match worst {
         Some(worst) if worst.lost() > 0 => {
             format!(
                 "{sentence}; at worst {} ({}; {}).",
-                worst.cells[4], worst.cells[0], worst.cells[1]
+                worst.cells[5], worst.cells[0], worst.cells[1]
             )
         }
         _ => format!("{sentence}."),
@@ -141,8 +147,8 @@ fn sentence(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
 }
 
 /// The part of the page for a chip, of which there are so many floods.
-pub fn part(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
-    let mut part = format!("{}\n\n{}\n\n", heading(chip), sentence(rows, chip, minutes, floods));
+pub fn part(rows: &[Row], chip: Chip, floods: usize) -> String {
+    let mut part = format!("{}\n\n{}\n\n", heading(chip), sentence(rows, chip, floods));
     part.push_str(
         "Written by `make losses`. The bus is full of valid transfers with random values that\n\
          change with each frame, while a client reads, sets and saves parameters. *Superseded*\n\
@@ -151,8 +157,8 @@ pub fn part(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
          of a frame to the release of its buffer. *Queue* is how full the firmware's queue of\n\
          received frames became. *Newest* is the longest time until an output had the newest\n\
          value. *Commit*: that of the program.\n\n\
-         | program | frames | sent | lost | | \
-         superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | \
+         | program | frames | minutes | sent | lost | | \
+         superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | ---: | \
          ---: | ---: | ---: | ---: | ---: | --- |\n",
     );
     for row in rows {
@@ -165,14 +171,13 @@ pub fn part(rows: &[Row], chip: Chip, minutes: f64, floods: usize) -> String {
 /// `ONLY` runs a part.
 pub struct Page {
     chip: Chip,
-    minutes: f64,
     /// The names of all floods, in the order of their rows.
     names: Vec<String>,
 }
 
 impl Page {
-    pub fn new(chip: Chip, minutes: f64, floods: &[Scenario]) -> Page {
-        Page { chip, minutes, names: floods.iter().map(|&flood| name(flood)).collect() }
+    pub fn new(chip: Chip, floods: &[Scenario]) -> Page {
+        Page { chip, names: floods.iter().map(|&flood| name(flood)).collect() }
     }
 
     /// Writes a row in place of the one of its flood, and leaves out those of no flood.
@@ -184,9 +189,6 @@ impl Page {
         let place = |row: &Row| self.names.iter().position(|name| *name == row.name());
         rows.retain(|row| place(row).is_some());
         rows.sort_by_key(place);
-        rig::page::write_part(
-            &heading(self.chip),
-            &part(&rows, self.chip, self.minutes, self.names.len()),
-        );
+        rig::page::write_part(&heading(self.chip), &part(&rows, self.chip, self.names.len()));
     }
 }
