@@ -236,7 +236,7 @@ own-node-uno: test-programs $(VENV)/installed
 ## other programs on the simulated bus: pydronecan, the GUI Tool, MAVProxy, avrdude ...
 test-clients: setup-test test-programs firmwares $(VENV)/gui $(TOOLS)/bin/ravedude
 	@AVR_HAL='$(AVR_HAL)' nice scripts/own-node-uno --if-reachable
-	$(VENV)/bin/python -m pytest -q -n 4 --dist loadfile -m '$(or $(CLIENTS),not long)' tests/clients
+	$(VENV)/bin/python -m pytest -q -n 6 --dist worksteal -m '$(or $(CLIENTS),not long)' tests/clients
 IS_LONG = $(findstring --long,$(WEB_TESTS))
 ## the web page in Chromium, and its processor against simavr: twenty minutes the first time
 ## (WEB_TESTS=--long)
@@ -400,7 +400,7 @@ bench: setup-simavr firmware third-party
 	@set -e; for board in "" "$(UNO)"; do scripts/boot $$board; done
 	cargo bench --bench bounds
 ## count the frames lost on a full bus, ten minutes of each kind: hours
-## (BOARD=uno; MINUTES=0.1; WHY=1; ONLY=position)
+## (BOARD=uno; MINUTES=1; WHY=1; ONLY=position)
 losses: setup-simavr
 	@scripts/firmware $(SHIPPED)
 	@scripts/firmware $(UNO) full

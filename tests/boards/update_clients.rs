@@ -68,6 +68,7 @@ fn an_update_by_the_gui_tool_needs_one_request() {
 /// ArduPilot does not arm with a node that is not OPERATIONAL. The uptime is the program's: the
 /// loader counts anew.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn the_program_says_software_update_within_100_ms_of_its_answer() {
     for phase_ms in (0..1000).step_by(90) {
         let mut bench = UpdateBench::with_program();
@@ -193,6 +194,7 @@ fn a_new_board_is_one_node_before_and_after_its_first_update() {
 
 /// A cut at each time of a first start: the loader makes the ID again.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn a_new_board_whose_power_is_cut_at_its_first_start_is_one_node() {
     let whole = UpdateBench::empty().bench.board(0).avr().eeprom();
     for cut_ms in [0, 30, 70, 600, 1030, 1090, 1140, 1155, FIRST_START_MS] {

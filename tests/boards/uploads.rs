@@ -125,6 +125,7 @@ fn an_upload_that_is_cut_at_any_page_never_runs_a_mixture() {
 
 /// The versions have the same length, and differ in one byte of two pages and in the header.
 #[test]
+#[ignore = "takes long: make test-all"]
 fn an_upload_of_nearly_the_same_program_never_runs_a_mixture() {
     let old = file();
     let mut new = old.clone();

@@ -59,6 +59,7 @@ def test_avrdude_uploads_through_the_original_bootloader(empty_board):
     used.dronecan().wait_for(uavcan.protocol.NodeStatus)
 
 
+@pytest.mark.long
 def test_a_client_that_gets_no_processor_for_seconds_completes_its_upload(empty_board):
     used = empty_board
     upload = used.start(*used.upload_line(node_elf()))
@@ -72,6 +73,7 @@ def test_a_client_that_gets_no_processor_for_seconds_completes_its_upload(empty_
     assert upload.returncode == 0 and re.search(r"bytes of flash verified", text), text
 
 
+@pytest.mark.long
 def test_avrdude_finds_no_bootloader_at_another_baud_rate(bench):
     image = BOOTLOADERS / "atmega/ATmegaBOOT_168_atmega328.hex"
     options = ["--bootloader", image, "--no-program", "--board", "nano", "--shield", "seeed"]

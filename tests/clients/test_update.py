@@ -87,6 +87,7 @@ def test_avrdude_uploads_through_our_bootloader_and_the_bus_works_then(empty_boa
     wait_for_mode(empty_board.dronecan(), NodeStatus().MODE_OPERATIONAL)
 
 
+@pytest.mark.long
 def test_after_an_upload_by_avrdude_is_cut_the_bootloader_waits_for_the_next(bench):
     used = bench("--bootloader", LOADER, serial=True)
     client = used.dronecan()
@@ -190,6 +191,7 @@ def test_a_program_without_update_is_sent_only_when_it_is_asked_to_be_the_last(r
     assert "node 120 takes no update over the bus" in text
 
 
+@pytest.mark.long
 def test_ctrl_c_ends_an_update_and_the_same_command_finishes_it(remote_board):
     process = start_node_update(remote_board)
     wait_until_it_reads(process)
@@ -215,6 +217,7 @@ def test_an_update_that_was_stopped_continues_with_the_same_command_at_once(remo
     assert "node 120: runs version" in node_update(remote_board)
 
 
+@pytest.mark.long
 def test_a_stopped_update_with_another_node_id_continues_too(remote_board):
     process = start_node_update(remote_board, "--own-id", "100")
     wait_until_it_reads(process)

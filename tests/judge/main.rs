@@ -1,7 +1,7 @@
 //! The judge of the package `bounds`: random programs are analysed and run, with random inputs and
 //! with interrupts at random instructions. What is seen may not exceed what was proved.
 //!
-//!     cargo test -p tests -p bridge --test judge -- --nocapture
+//!     cargo test -p tests --test judge -- --nocapture
 //!     JUDGE_SECONDS=1800 JUDGE_SEED=7 ...       longer, and other programs
 //!     JUDGE_SECONDS=0 JUDGE_SEED=1234 ...       only the program of this seed
 //!
@@ -27,7 +27,7 @@ use rig::observed::{Observer, Pair, WITH_CALL};
 use random::Random;
 
 /// How long the programs are generated, unless JUDGE_SECONDS says otherwise.
-const SECONDS: u64 = 60;
+const SECONDS: u64 = 20;
 /// Steps of a run, between which inputs change, and the most cycles of one.
 const STEPS: u32 = 4_000;
 const STEP_CYCLES: u64 = 70;
