@@ -314,7 +314,7 @@ impl Autopilot {
 
     /// Removes the power for good: a frame on the bus is cut off, and the station sends and
     /// acknowledges nothing more.
-    fn switch_off(self) {
+    pub fn switch_off(self) {
         let mut station = self.station.borrow_mut();
         station.set_listen_only(true);
         station.clear_queue();

@@ -158,8 +158,8 @@ pub fn part(rows: &[Row], chip: Chip, floods: usize) -> String {
          received frames became. *Newest* is the longest time until an output had the newest\n\
          value. *Commit*: that of the program.\n\n\
          | program | frames | minutes | sent | lost | | \
-         superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | ---: | \
-         ---: | ---: | ---: | ---: | ---: | --- |\n",
+         superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | \
+         ---: | ---: | ---: | ---: | ---: | ---: | --- |\n",
     );
     for row in rows {
         let _ = writeln!(part, "| {row} |");
