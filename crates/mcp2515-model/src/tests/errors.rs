@@ -3,13 +3,6 @@
 use super::support::*;
 use can_model::{ErrorState, Fault, Frame};
 
-const EWARN: u8 = 0x01;
-const RXWAR: u8 = 0x02;
-const TXWAR: u8 = 0x04;
-const RXEP: u8 = 0x08;
-const TXEP: u8 = 0x10;
-const TXBO: u8 = 0x20;
-
 /// EFLG as Register 6-3 derives it from the counters.
 fn expected_eflg(tec: u8, rec: u8) -> u8 {
     let mut eflg = 0;

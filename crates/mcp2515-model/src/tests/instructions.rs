@@ -1,147 +1,80 @@
 //! The SPI instruction set.
 
+use super::script::run_all;
 use super::support::*;
-use can_model::{Frame, Id};
+use can_model::Frame;
 
-/// DS20001801J 12.3, 12.5: address, then data from consecutive addresses.
 #[test]
-fn read_and_write_increment_the_address() {
-    let mut bench = Bench::new();
-    let values: Vec<u8> = (1..=13).collect();
-    bench.write(0x31, &values);
-    assert_eq!(bench.read_many(0x31, 4), [1, 2 & 0xEB, 3, 4]);
-    assert_eq!(bench.read_many(0x36, 8), values[5..]);
+fn registers() {
+    run_all(
+        "
+12.3, 12.5: address, then data from consecutive addresses
+    31 <- 1 2 3 4 5 6 7 8 9 A B C D; 31 = 1 2 3 4; 36 = 6 7 8 9 A B C D; 31 = 1
+Figures 12-2 to 12-9: the chip does not drive SO during instruction and address
+    spi READ CANSTAT 0 -> FF FF 80; spi WRITE BFPCTRL 0 -> FF FF FF
+    spi BIT_MODIFY BFPCTRL FF 0 -> FF FF FF FF
+Figure 12-1: where the mask of BIT MODIFY is 0 the register keeps its bit
+    each $address: BFPCTRL, CANINTE, CANINTF, CNF1, CNF2
+    $address <- 18; modify $address 35 2F; $address = 2D
+Figure 12-1: bits that are not writable do not change
+    modify TXB0CTRL 2 FF; TXB0CTRL = 2; modify RXB0CTRL 60 FF; RXB0CTRL = 60
+    modify CANCTRL C 8; CANCTRL = 8B; EFLG <- C0; modify EFLG 40 0; EFLG = 80
+    modify CNF3 1 1; CNF3 = 1
+12.10, note: on other registers the mask is forced to FFh
+    each $address $name: 36 TXB0D0, 02 RXF0EID8, 23 RXM0EID0
+    $address <- 0F; modify $address 80 F0; $address = F0; violation $name 12.10
+12.10: the sequence is address, mask, data. Further bytes have no effect
+    spi BIT_MODIFY CANINTE FF 11 22 33; CANINTE = 11 0
+12.10: without its data byte BIT MODIFY changes nothing
+    each $bytes: BIT_MODIFY, BIT_MODIFY+CANINTE, BIT_MODIFY+CANINTE+FF
+    spi $bytes; CANINTE = 0; violation BIT MODIFY 12.10
+12.5: a WRITE without data changes nothing. Drivers send it for empty frames
+    TXB0D0 <- 5; spi WRITE TXB0D0; TXB0D0 = 5; spi READ TXB0D0; spi 40; TXB0D0 = 5
+Table 12-1: other bytes are not instructions
+    each $byte: 00, 01, 04, 46, 47, 88, 91, 98, A1, B1, C1, FF
+    spi $byte CANINTE FF FF; violation $byteh Table 12-1; CANINTE = 0
+12.1: an instruction ends when CS rises, and the next begins when CS falls
+    spi; spi WRITE; spi READ CANSTAT; CANSTAT = 80
+12.2, 8.1: the start-up timer runs after RESET
+    in NORMAL; spi RESET; CNF3 <- 1 91 0; violation instruction 02h start-up 8.1; bits 8
+    CNF3 = 0 0 0; CNF3 <- 1 91 0; CNF3 = 1 91 0
+",
+    );
 }
 
-/// DS20001801J Figures 12-2 to 12-9: the chip does not drive SO during instruction and address.
 #[test]
-fn so_is_not_driven_during_instruction_and_address() {
-    let mut bench = Bench::new();
-    assert_eq!(bench.spi(&[READ, CANSTAT, 0]), [0xFF, 0xFF, 0x80]);
-    assert_eq!(bench.spi(&[WRITE, BFPCTRL, 0x00]), [0xFF; 3]);
-    assert_eq!(bench.spi(&[BIT_MODIFY, BFPCTRL, 0xFF, 0x00]), [0xFF; 4]);
-}
-
-/// DS20001801J Figure 12-1: where the mask is 1 the bit changes, where it is 0 the register keeps
-/// its bit.
-#[test]
-fn bit_modify_changes_only_masked_bits() {
-    let mut bench = Bench::new();
-    for address in [BFPCTRL, CANINTE, CANINTF, CNF1, CNF2] {
-        bench.write(address, &[0b0001_1000]);
-        bench.modify(address, 0b0011_0101, 0b0010_1111);
-        bench.assert_register(address, 0b0010_1101);
-    }
-    bench.modify(0x30, 0x02, 0xFF);
-    bench.assert_register(0x30, 0x02);
-    bench.modify(RXB0CTRL, 0x60, 0xFF);
-    bench.assert_register(RXB0CTRL, 0x60);
-    bench.modify(CANCTRL, 0x0C, 0x08);
-    bench.assert_register(CANCTRL, 0x8B);
-    bench.write(EFLG, &[0xC0]);
-    bench.modify(EFLG, 0x40, 0x00);
-    bench.assert_register(EFLG, 0x80);
-    bench.modify(CNF3, 0x01, 0x01);
-    bench.assert_register(CNF3, 0x01);
-}
-
-/// DS20001801J 12.10, note: on other registers the mask is forced to FFh.
-#[test]
-fn bit_modify_of_an_unsuitable_register_writes_all_bits_and_is_a_violation() {
-    for (address, name) in [(0x36, "TXB0D0"), (0x02, "RXF0EID8"), (0x23, "RXM0EID0")] {
-        let mut bench = Bench::new();
-        bench.write(address, &[0x0F]);
-        bench.modify(address, 0x80, 0xF0);
-        bench.assert_register(address, 0xF0);
-        bench.assert_violation(&[name, "12.10"]);
-    }
-}
-
-/// DS20001801J 12.10: the sequence is address, mask, data. Further bytes have no effect.
-#[test]
-fn bytes_after_a_bit_modify_are_ignored() {
-    let mut bench = Bench::new();
-    bench.spi(&[BIT_MODIFY, CANINTE, 0xFF, 0x11, 0x22, 0x33]);
-    bench.assert_register(CANINTE, 0x11);
-    bench.assert_register(CANINTF, 0x00);
-}
-
-/// DS20001801J 12.10: without its data byte BIT MODIFY changes nothing.
-#[test]
-fn an_incomplete_bit_modify_is_a_violation() {
-    for length in 1..=3 {
-        let mut bench = Bench::new();
-        bench.spi(&[BIT_MODIFY, CANINTE, 0xFF, 0x11][..length]);
-        bench.assert_register(CANINTE, 0x00);
-        bench.assert_violation(&["BIT MODIFY", "12.10"]);
-    }
-}
-
-/// DS20001801J 12.5: a WRITE without data changes nothing. Drivers send it for empty frames.
-#[test]
-fn a_write_without_data_changes_nothing() {
-    let mut bench = Bench::new();
-    let before = bench.read(0x36);
-    bench.spi(&[WRITE, 0x36]);
-    bench.assert_register(0x36, before);
-    bench.spi(&[READ, 0x36]);
-    bench.spi(&[0x40]);
-}
-
-/// DS20001801J Figure 12-5: three buffers, from SIDH or from D0.
-#[test]
-fn load_tx_buffer_starts_at_one_of_six_addresses() {
-    let mut bench = Bench::new();
-    for (n, address) in [0x31, 0x36, 0x41, 0x46, 0x51, 0x56].into_iter().enumerate() {
-        bench.spi(&[0x40 + n as u8, 0xC0 | n as u8, 0xE1]);
-        assert_eq!(bench.read_many(address, 2), [0xC0 | n as u8, 0xE1], "instruction 4{n}h");
-    }
-}
-
-/// DS20001801J 12.6: a buffer ends at D7.
-#[test]
-fn load_tx_buffer_beyond_d7_is_a_violation() {
-    let mut bench = Bench::new();
-    let mut bytes = vec![0x41];
-    bytes.extend([0x11; 8]);
-    bench.spi(&bytes);
-    bytes.extend([0x80; 2]);
-    bench.spi(&bytes);
-    bench.assert_register(CANCTRL, 0x87);
-    bench.assert_violation(&["LOAD TX BUFFER", "D7"]);
-}
-
-/// DS20001801J 12.7: bits 2..0 request the transmission of TXB2..TXB0.
-#[test]
-fn rts_requests_the_buffers_of_its_mask() {
-    for mask in 0..8u8 {
-        let mut bench = Bench::new();
-        bench.rts(mask);
-        for n in 0..3 {
-            let expected = if mask >> n & 1 == 1 { TXREQ } else { 0 };
-            bench.assert_register(0x30 + 0x10 * n, expected);
-        }
-    }
-}
-
-/// DS20001801J Figure 12-3: two buffers, from SIDH or from D0; 92h is RXB0's data, not RXB1.
-#[test]
-fn read_rx_buffer_starts_at_one_of_four_addresses() {
-    for (instruction, buffer, start) in
-        [(0x90, 0, 0x61), (0x92, 0, 0x66), (0x94, 1, 0x71), (0x96, 1, 0x76)]
-    {
-        let mut bench = Bench::normal();
-        bench.write(RXB0CTRL, &[BUKT]);
-        bench.peer_sends(&[
-            Frame::extended(0x0123_4567, &[1, 2, 3, 4, 5, 6, 7, 8]),
-            Frame::extended(0x1ABC_DEF0, &[11, 12, 13, 14, 15, 16, 17, 18]),
-        ]);
-        let expected = bench.read_many(start, 8);
-        bench.assert_register(CANINTF, RX0IF | RX1IF);
-        let answers = bench.spi(&[instruction, 0, 0, 0, 0, 0, 0, 0, 0]);
-        assert_eq!(answers[1..], expected, "{instruction:02X}h");
-        bench.assert_register(CANINTF, if buffer == 0 { RX1IF } else { RX0IF });
-    }
+fn buffers() {
+    run_all(
+        "
+Figure 12-5: LOAD TX BUFFER fills three buffers, from SIDH or from D0
+    each $spi $byte $address: 40 C0 31, 41 C1 36, 42 C2 41, 43 C3 46, 44 C4 51, 45 C5 56
+    spi $spi $byte E1; $address = $byte E1
+12.6: a buffer ends at D7
+    spi 41 11 11 11 11 11 11 11 11; spi 41 11 11 11 11 11 11 11 11 80 80; CANCTRL = 87
+    violation LOAD TX BUFFER D7
+12.7: bits 2 to 0 of RTS request the transmission of TXB2 to TXB0
+    each $rts $0 $1 $2: 0 0 0 0, 1 8 0 0, 2 0 8 0, 3 8 8 0, 4 0 0 8, 5 8 0 8, 6 0 8 8, 7 8 8 8
+    rts $rts; TXB0CTRL = $0; TXB1CTRL = $1; TXB2CTRL = $2
+Figure 12-3: READ RX BUFFER reads two buffers, from SIDH or from D0; 92h is RXB0's data, not RXB1
+    each $spi $flags $answer: 90 RX1IF 9+B+45+67+8+1+2+3, 92 RX1IF 1+2+3+4+5+6+7+8, \
+                              94 RX0IF D5+E8+DE+F0+8+B+C+D, 96 RX0IF B+C+D+E+F+10+11+12
+    in NORMAL; RXB0CTRL <- BUKT; peer 01234567#0102030405060708 1ABCDEF0#0B0C0D0E0F101112
+    CANINTF = RX0IF|RX1IF; spi $spi 0 0 0 0 0 0 0 0 -> $answer; CANINTF = $flags
+12.4: reading an empty buffer returns old data, and can discard the next frame
+    in NORMAL; peer 123#01; spi 94 0 0; violation 94h RX1IF 12.4; CANINTF = RX0IF
+12.4: READ RX BUFFER that ends at once clears the flag of a frame that was not read
+    in NORMAL; peer 123#01; spi 90; violation RXB0 thrown away; CANINTF = 0
+Figure 12-8: READ STATUS has flags
+    each $flags $status: 01 01, 02 02, 04 08, 08 20, 10 80, E0 00
+    CANINTF <- $flags; spi READ_STATUS 0 -> $status
+Figure 12-8: ... and requests
+    each $ctrl $status: TXB0CTRL 04, TXB1CTRL 10, TXB2CTRL 40
+    $ctrl <- TXREQ; spi READ_STATUS 0 -> $status
+Figure 12-9: bits 4 and 3 of RX STATUS are the type of the message. 12.9: it is repeated
+    each $frame $status: 123#01 40, 123#R1 48, 00000123#01 51, 00000123#R1 59
+    in NORMAL; peer $frame; spi RX_STATUS 0 0 -> $status $status
+",
+    );
 }
 
 /// DS20001801J 12.4: the flag is cleared when CS rises, not before.
@@ -158,46 +91,6 @@ fn read_rx_buffer_clears_its_flag_when_cs_rises() {
     assert_eq!(bench.chip.borrow().register(CANINTF), 0);
 }
 
-/// DS20001801J 12.4: reading an empty buffer returns old data, and can discard the next frame.
-#[test]
-fn read_rx_buffer_of_an_empty_buffer_is_a_violation() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(0x123, &[1])]);
-    bench.spi(&[0x94, 0, 0]);
-    bench.assert_violation(&["94h", "RX1IF", "12.4"]);
-    bench.assert_register(CANINTF, RX0IF);
-}
-
-/// DS20001801J 12.4: if it ends at once, the instruction clears the flag of a frame that was not
-/// read.
-#[test]
-fn read_rx_buffer_without_a_data_byte_is_a_violation() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(0x123, &[1])]);
-    bench.spi(&[0x90]);
-    bench.assert_violation(&["RXB0", "thrown away"]);
-    bench.assert_register(CANINTF, 0);
-}
-
-/// DS20001801J Figure 12-8.
-#[test]
-fn read_status_maps_flags_and_requests() {
-    let mut bench = Bench::new();
-    for (flags, status) in
-        [(0x01, 0x01), (0x02, 0x02), (0x04, 0x08), (0x08, 0x20), (0x10, 0x80), (0xE0, 0x00)]
-    {
-        bench.write(CANINTF, &[flags]);
-        assert_eq!(bench.spi(&[READ_STATUS, 0])[1], status, "CANINTF {flags:02X}h");
-    }
-    bench.write(CANINTF, &[0]);
-    for (n, status) in [0x04, 0x10, 0x40].into_iter().enumerate() {
-        let control = 0x30 + 0x10 * n as u8;
-        bench.write(control, &[TXREQ]);
-        assert_eq!(bench.spi(&[READ_STATUS, 0])[1], status, "TXB{n}");
-        bench.write(control, &[0]);
-    }
-}
-
 /// DS20001801J 12.8: the status is repeated and updated as long as clocks come.
 #[test]
 fn read_status_repeats() {
@@ -208,24 +101,6 @@ fn read_status_repeats() {
     bench.peer_sends(&[Frame::standard(0x123, &[])]);
     assert_eq!(bench.byte(0), 0x01);
     bench.deselect();
-}
-
-/// DS20001801J Figure 12-9: bits 4 and 3 are the type of the message.
-#[test]
-fn rx_status_has_the_type_of_the_message() {
-    for (frame, kind) in [
-        (Frame::standard(0x123, &[1]), 0b00),
-        (Frame::remote(Id::Standard(0x123), 1), 0b01),
-        (Frame::extended(0x123, &[1]), 0b10),
-        (Frame::remote(Id::Extended(0x123), 1), 0b11),
-    ] {
-        let mut bench = Bench::normal();
-        bench.peer_sends(&[frame]);
-        let status = bench.spi(&[RX_STATUS, 0, 0]);
-        assert_eq!(status[1] >> 3 & 0b11, kind, "{frame}");
-        assert_eq!(status[1] & 0xC0, 0x40);
-        assert_eq!(status[1], status[2], "the status is repeated");
-    }
 }
 
 /// DS20001801J Figure 12-9: bits 2 to 0 are the matching filter; codes 6 and 7 mean a rollover into
@@ -271,9 +146,7 @@ fn a_status_byte_does_not_show_what_happens_while_it_is_shifted_out() {
     const BEFORE_THE_END: u64 = 10;
     let sent_at = {
         let mut bench = sending();
-        while bench.chip.borrow().register(CANINTF) & TX0IF == 0 {
-            bench.run_to(bench.now + 1);
-        }
+        bench.run_to_flag();
         bench.now
     };
     let mut bench = sending();
@@ -293,35 +166,4 @@ fn sending() -> Bench {
     let mut bench = Bench::normal();
     bench.send(0x123, &[]);
     bench
-}
-
-/// DS20001801J Table 12-1: other bytes are not instructions.
-#[test]
-fn an_unknown_instruction_is_ignored_and_a_violation() {
-    for instruction in [0x00, 0x01, 0x04, 0x46, 0x47, 0x88, 0x91, 0x98, 0xA1, 0xB1, 0xC1, 0xFF] {
-        let mut bench = Bench::new();
-        bench.spi(&[instruction, CANINTE, 0xFF, 0xFF]);
-        bench.assert_violation(&[&format!("{instruction:02X}h"), "Table 12-1"]);
-        bench.assert_register(CANINTE, 0);
-    }
-}
-
-/// DS20001801J 12.1: an instruction ends when CS rises, and the next begins when CS falls.
-#[test]
-fn each_fall_of_cs_begins_a_new_instruction() {
-    let mut bench = Bench::new();
-    bench.spi(&[]);
-    bench.spi(&[WRITE]);
-    bench.spi(&[READ, CANSTAT]);
-    assert_eq!(bench.read(CANSTAT), 0x80);
-}
-
-/// DS20001801J 12.2, 9.0: RESET leads to configuration mode from any mode.
-#[test]
-fn reset_leads_to_configuration_mode() {
-    for mode in [NORMAL, LISTEN_ONLY, LOOPBACK] {
-        let mut bench = Bench::in_mode(mode);
-        bench.reset();
-        bench.assert_opmod(CONFIGURATION);
-    }
 }

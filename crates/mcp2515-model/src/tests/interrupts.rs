@@ -1,7 +1,7 @@
 //! CANINTE, CANINTF, ICOD and the INT pin.
 
+use super::script::run_all;
 use super::support::*;
-use can_model::Frame;
 
 /// DS20001801J 7.0: INT is low while any enabled flag is set.
 #[test]
@@ -16,23 +16,6 @@ fn int_is_low_while_an_enabled_flag_is_set() {
             assert!(!bench.int_is_low());
         }
     }
-}
-
-/// DS20001801J 7.0: INT is a level. It stays low until the last flag is cleared, and depends on
-/// CANINTE.
-#[test]
-fn int_stays_low_until_all_flags_are_cleared() {
-    let mut bench = Bench::new();
-    bench.write(CANINTE, &[0x03]);
-    bench.write(CANINTF, &[0x03]);
-    bench.modify(CANINTF, 0x01, 0x00);
-    assert!(bench.int_is_low());
-    bench.write(CANINTE, &[0x01]);
-    assert!(!bench.int_is_low());
-    bench.write(CANINTE, &[0x02]);
-    assert!(bench.int_is_low());
-    bench.modify(CANINTF, 0x02, 0x00);
-    assert!(!bench.int_is_low());
 }
 
 /// DS20001801J Table 7-1: a lower code has the higher priority; MERRF has no code.
@@ -56,61 +39,23 @@ fn icod_shows_the_pending_interrupt_of_the_highest_priority() {
     bench.assert_register(CANSTAT, 0x80);
 }
 
-/// DS20001801J 7.1: ICOD shows enabled sources only.
 #[test]
-fn icod_ignores_sources_that_are_not_enabled() {
-    let mut bench = Bench::new();
-    bench.write(CANINTF, &[0xFF]);
-    bench.assert_register(CANSTAT, 0x80);
-    bench.write(CANINTE, &[0x02]);
-    bench.assert_register(CANSTAT, 0x80 | 7 << 1);
-}
-
-/// DS20001801J 7.3: reception.
-#[test]
-fn a_received_frame_pulls_int_until_its_flag_is_cleared() {
-    let mut bench = Bench::normal();
-    bench.write(CANINTE, &[RX0IF]);
-    bench.peer_sends(&[Frame::standard(1, &[1])]);
-    assert!(bench.int_is_low());
-    bench.assert_register(CANSTAT, 6 << 1);
-    bench.spi(&[0x90, 0, 0, 0, 0, 0, 0]);
-    assert!(!bench.int_is_low());
-}
-
-/// DS20001801J 7.2: transmission, for each buffer.
-#[test]
-fn a_sent_frame_pulls_int() {
-    for n in 0..3u8 {
-        let mut bench = Bench::normal();
-        bench.write(CANINTE, &[TX0IF << n]);
-        bench.load(n, 0x123, &[]);
-        bench.rts(1 << n);
-        bench.run_bits(FRAME_BITS);
-        assert!(bench.int_is_low());
-        bench.assert_register(CANSTAT, (3 + n) << 1);
-    }
-}
-
-/// DS20001801J 7.4: an error during transmission or reception.
-#[test]
-fn a_message_error_pulls_int() {
-    let mut bench = Bench::normal();
-    bench.write(CANINTE, &[MERRF]);
-    bench.bus.inject(can_model::Fault::FlipBit { bit: 20 });
-    bench.peer_sends(&[Frame::standard(0x2AA, &[0xAA; 4])]);
-    assert!(bench.int_is_low());
-    assert_eq!(bench.read(CANINTF) & MERRF, MERRF);
-    bench.modify(CANINTF, MERRF, 0);
-    assert!(!bench.int_is_low());
-}
-
-/// DS20001801J 7.0: BIT MODIFY does not clear a flag that is set meanwhile.
-#[test]
-fn bit_modify_of_canintf_leaves_other_flags_alone() {
-    let mut bench = Bench::normal();
-    bench.write(RXB0CTRL, &[BUKT]);
-    bench.peer_sends(&[Frame::standard(1, &[]), Frame::standard(2, &[])]);
-    bench.modify(CANINTF, RX0IF, 0);
-    bench.assert_register(CANINTF, RX1IF);
+fn int_and_icod() {
+    run_all(
+        "
+7.0: INT is a level. It stays low until the last flag is cleared, and depends on CANINTE
+    CANINTE <- 3; CANINTF <- 3; modify CANINTF 1 0; int low; CANINTE <- 1; int high
+    CANINTE <- 2; int low; modify CANINTF 2 0; int high
+7.1: ICOD shows enabled sources only
+    CANINTF <- FF; CANSTAT = 80; CANINTE <- RX1IF; CANSTAT = 8E
+7.3, 12.4: a received frame pulls INT until READ RX BUFFER clears its flag
+    in NORMAL; CANINTE <- RX0IF; peer 001#01; int low; CANSTAT = 0C; spi 90 0 0 0 0 0 0; int high
+7.2: a frame that was sent pulls INT
+    each $n $rts $flag $canstat: 0 1 TX0IF 06, 1 2 TX1IF 08, 2 4 TX2IF 0A
+    in NORMAL; CANINTE <- $flag; load $n 123#; rts $rts; wait; int low; CANSTAT = $canstat
+7.4: an error during transmission or reception pulls INT
+    in NORMAL; CANINTE <- MERRF; flip 20; peer 2AA#AAAAAAAA; int low; CANINTF & MERRF = MERRF
+    modify CANINTF MERRF 0; int high
+",
+    );
 }

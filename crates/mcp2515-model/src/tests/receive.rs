@@ -1,42 +1,59 @@
 //! Receive buffers: contents, rollover, overflow, log.
 
 use super::super::Fate;
+use super::script::run_all;
 use super::support::*;
 use can_model::{Frame, Id};
 
-/// DS20001801J Registers 4-4 to 4-9: an extended frame in RXB0.
 #[test]
-fn an_extended_frame_fills_the_buffer() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::extended(0x1003_F20A, &[1, 2, 3, 4, 5, 6, 7, 8])]);
-    // 1003F20Ah: SID 400h, EID 3F20Ah.
-    let expected = [0x80, 0x0B, 0xF2, 0x0A, 8, 1, 2, 3, 4, 5, 6, 7, 8];
-    assert_eq!(bench.read_many(RXB0SIDH, 13), expected);
-    bench.assert_register(RXB0CTRL, 0x01);
+fn contents() {
+    run_all(
+        "
+Registers 4-4 to 4-9: an extended frame in RXB0. 1003F20Ah: SID 400h, EID 3F20Ah
+    in NORMAL; peer 1003F20A#0102030405060708; RXB0CTRL = 01
+    RXB0SIDH = 80 0B F2 0A 8 1 2 3 4 5 6 7 8
+Registers 4-4 to 4-9: a standard frame
+    in NORMAL; peer 5A5#EE; RXB0CTRL = 0 B4 A0 0 0 1 EE
+Registers 4-1, 4-5, 4-8: remote frames have RXRTR, with SRR if standard and RTR if extended
+    in NORMAL; peer 5A5#R3; RXB0CTRL = 8 B4 B0 0 0 3; CANINTF <- 0
+    peer 1003F20A#R5; RXB0CTRL = 9 80 0B F2 0A 45; CANINTF <- 0; peer 001#; RXB0CTRL = 0
+Register 4-9 does not specify bytes beyond the frame: old values, to detect a driver that uses them
+    in NORMAL; peer 001#A5A5A5A5A5A5A5A5; CANINTF <- 0; peer 001#11
+    RXB0D0 = 11 A5 A5 A5 A5 A5 A5 A5
+2.0, 6.0: a frame with an error is not received. The peer repeats it
+    in NORMAL; flip 25; queue 123#5555; bits 60; CANINTF & RX0IF|MERRF = MERRF; wait
+    CANINTF & RX0IF|MERRF = RX0IF|MERRF
+",
+    );
 }
 
-/// DS20001801J Registers 4-4 to 4-9: a standard frame.
 #[test]
-fn a_standard_frame_fills_the_buffer() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(0x5A5, &[0xEE])]);
-    assert_eq!(bench.read_many(RXB0SIDH, 6), [0xB4, 0xA0, 0, 0, 1, 0xEE]);
-    bench.assert_register(RXB0CTRL, 0x00);
-}
-
-/// DS20001801J Registers 4-1, 4-5, 4-8: RXRTR for both kinds, SRR for standard, RTR for extended
-/// ones.
-#[test]
-fn remote_frames_are_marked() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::remote(Id::Standard(0x5A5), 3)]);
-    assert_eq!(bench.read_many(RXB0CTRL, 6), [0x08, 0xB4, 0xB0, 0, 0, 3]);
-    bench.write(CANINTF, &[0]);
-    bench.peer_sends(&[Frame::remote(Id::Extended(0x1003_F20A), 5)]);
-    assert_eq!(bench.read_many(RXB0CTRL, 6), [0x09, 0x80, 0x0B, 0xF2, 0x0A, 0x45]);
-    bench.write(CANINTF, &[0]);
-    bench.peer_sends(&[Frame::standard(1, &[])]);
-    bench.assert_register(RXB0CTRL, 0x00);
+fn rollover_and_overflow() {
+    run_all(
+        "
+4.1.3, 4.2, Figure 4-3: without BUKT a full RXB0 keeps its frame, and a second one is lost
+    in NORMAL; peer 001#11 002#22; RXB0SIDH = 0 20 0 0 1 11; CANINTF = RX0IF|ERRIF; EFLG = RX0OVR
+    overflows 1
+4.2: with BUKT it goes to RXB1 whatever RXB1's filters are. FILHIT of both shows RXF1 (4-1, note 1)
+    set up; RXM1 <- FF E3 FF FF; RXB0CTRL <- BUKT; enter NORMAL; peer 001#11 00000002#22
+    CANINTF = RX0IF|RX1IF; RXB0D0 = 11; RXB1D0 = 22; EFLG = 0; RXB1CTRL = 01; RXB0CTRL = 07
+Figure 4-3: with both buffers full a rollover overflows RXB1
+    in NORMAL; RXB0CTRL <- BUKT; peer 001# 002# 003#; CANINTF = RX0IF|RX1IF|ERRIF; EFLG = RX1OVR
+    overflows 1
+4.2: RXB0 is used again as soon as it is free, so the order of frames can change
+    in NORMAL; RXB0CTRL <- BUKT; peer 001# 002#; modify CANINTF RX0IF 0; CANINTF = RX1IF
+    peer 003#; RXB0SIDH = 00 60; RXB1SIDH = 00 40
+Register 4-1, note 1: only a rollover changes RXB0's FILHIT0. RXB0 takes 7FFh, RXF3 extended frames
+    set up; RXM0 <- FF E0; RXF0 <- FF E0; RXF1 <- FF E0; RXB0CTRL <- BUKT; enter NORMAL
+    peer 7FF# 00000001#; RXB1CTRL = 03; RXB0CTRL = 06
+Figure 4-3: there is no rollover from RXB1 to RXB0
+    set up; RXM0 <- FF E3 FF FF; RXB0CTRL <- BUKT; enter NORMAL; peer 001#11 002#22
+    CANINTF = RX1IF|ERRIF; EFLG = RX1OVR; RXB1D0 = 11
+7.6.1, 7.7: the MCU must clear RXnOVR before ERRIF
+    in NORMAL; peer 001# 002#; modify CANINTF ERRIF 0; CANINTF = RX0IF|ERRIF
+    modify EFLG RX0OVR 0; EFLG = 0; modify CANINTF ERRIF 0; CANINTF = RX0IF
+",
+    );
 }
 
 /// DS20001801J Register 4-8: the DLC is stored as received; above 8 it means 8 bytes.
@@ -53,145 +70,17 @@ fn every_dlc_is_stored_as_received() {
     }
 }
 
-/// Register 4-9 does not specify the bytes beyond the frame. The model keeps the old ones, so that
-/// a driver that uses them can be detected.
-#[test]
-fn bytes_beyond_the_frame_keep_their_old_values() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(1, &[0xA5; 8])]);
-    bench.write(CANINTF, &[0]);
-    bench.peer_sends(&[Frame::standard(1, &[0x11])]);
-    assert_eq!(bench.read_many(0x66, 8), [0x11, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5, 0xA5]);
-}
-
-/// DS20001801J 4.1.3: while RXnIF is set the buffer keeps its frame.
-#[test]
-fn a_full_buffer_is_not_overwritten() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(1, &[0x11]), Frame::standard(2, &[0x22])]);
-    assert_eq!(bench.read_many(RXB0SIDH, 6), [0x00, 0x20, 0, 0, 1, 0x11]);
-}
-
-/// DS20001801J 4.2, Figure 4-3, BUKT clear: the second frame for RXB0 is lost, although RXB1 is
-/// empty.
-#[test]
-fn without_rollover_rxb0_overflows() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(1, &[0x11]), Frame::standard(2, &[0x22])]);
-    bench.assert_register(CANINTF, RX0IF | ERRIF);
-    bench.assert_register(EFLG, RX0OVR);
-    assert_eq!(bench.chip.borrow().rx_overflows(), 1);
-}
-
-/// DS20001801J 4.2: with BUKT the second frame rolls over into RXB1, whatever RXB1's filters are.
-#[test]
-fn with_rollover_the_second_frame_goes_to_rxb1() {
-    let mut bench = Bench::new();
-    bench.set_up();
-    bench.write(RXM1, &[0xFF, 0xE3, 0xFF, 0xFF]);
-    bench.write(RXB0CTRL, &[BUKT]);
-    bench.enter(NORMAL);
-    bench.peer_sends(&[Frame::standard(1, &[0x11]), Frame::extended(2, &[0x22])]);
-    bench.assert_register(CANINTF, RX0IF | RX1IF);
-    bench.assert_register(0x66, 0x11);
-    bench.assert_register(0x76, 0x22);
-    bench.assert_register(EFLG, 0);
-    // RXF1 accepted the second frame: FILHIT of RXB1 and FILHIT0 show it (Register 4-1, note 1).
-    bench.assert_register(RXB1CTRL, 0x01);
-    bench.assert_register(RXB0CTRL, 0x07);
-}
-
-/// DS20001801J Figure 4-3: with both buffers full a rollover overflows RXB1.
-#[test]
-fn with_rollover_the_third_frame_overflows_rxb1() {
-    let mut bench = Bench::normal();
-    bench.write(RXB0CTRL, &[BUKT]);
-    bench.peer_sends(&[Frame::standard(1, &[]), Frame::standard(2, &[]), Frame::standard(3, &[])]);
-    bench.assert_register(CANINTF, RX0IF | RX1IF | ERRIF);
-    bench.assert_register(EFLG, RX1OVR);
-    assert_eq!(bench.chip.borrow().rx_overflows(), 1);
-}
-
-/// DS20001801J 4.2: RXB0 is used again as soon as it is free, so the order of frames can change.
-#[test]
-fn after_a_rollover_rxb0_is_filled_again_first() {
-    let mut bench = Bench::normal();
-    bench.write(RXB0CTRL, &[BUKT]);
-    bench.peer_sends(&[Frame::standard(1, &[]), Frame::standard(2, &[])]);
-    bench.modify(CANINTF, RX0IF, 0);
-    bench.peer_sends(&[Frame::standard(3, &[])]);
-    assert_eq!(bench.read_many(RXB0SIDH, 2), [0x00, 0x60]);
-    assert_eq!(bench.read_many(RXB1SIDH, 2), [0x00, 0x40]);
-}
-
-/// DS20001801J Register 4-1, note 1: only a rollover changes RXB0's FILHIT0.
-#[test]
-fn a_frame_for_rxb1_does_not_change_rxb0ctrl() {
-    let mut bench = Bench::new();
-    bench.set_up();
-    // RXB0 takes standard identifier 7FFh only; RXF3 takes all extended frames for RXB1.
-    bench.write(RXM0, &[0xFF, 0xE0]);
-    bench.write(RXF[0], &[0xFF, 0xE0]);
-    bench.write(RXF[1], &[0xFF, 0xE0]);
-    bench.write(RXB0CTRL, &[BUKT]);
-    bench.enter(NORMAL);
-    bench.peer_sends(&[Frame::standard(0x7FF, &[]), Frame::extended(1, &[])]);
-    bench.assert_register(RXB1CTRL, 0x03);
-    bench.assert_register(RXB0CTRL, 0x06);
-}
-
-/// DS20001801J Figure 4-3: there is no rollover from RXB1 to RXB0.
-#[test]
-fn rxb1_does_not_roll_over() {
-    let mut bench = Bench::new();
-    bench.set_up();
-    bench.write(RXM0, &[0xFF, 0xE3, 0xFF, 0xFF]);
-    bench.write(RXB0CTRL, &[BUKT]);
-    bench.enter(NORMAL);
-    bench.peer_sends(&[Frame::standard(1, &[0x11]), Frame::standard(2, &[0x22])]);
-    bench.assert_register(CANINTF, RX1IF | ERRIF);
-    bench.assert_register(EFLG, RX1OVR);
-    bench.assert_register(0x76, 0x11);
-}
-
-/// DS20001801J 7.6.1, 7.7: the MCU must clear RXnOVR before ERRIF.
-#[test]
-fn errif_cannot_be_cleared_before_the_overflow_flag() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(1, &[]), Frame::standard(2, &[])]);
-    bench.modify(CANINTF, ERRIF, 0);
-    bench.assert_register(CANINTF, RX0IF | ERRIF);
-    bench.modify(EFLG, RX0OVR, 0);
-    bench.assert_register(EFLG, 0);
-    bench.modify(CANINTF, ERRIF, 0);
-    bench.assert_register(CANINTF, RX0IF);
-}
-
 /// DS20001801J 7.3: the flag is set right after the end of frame.
 #[test]
 fn the_flag_is_set_at_the_end_of_the_frame() {
     let mut bench = Bench::normal();
     bench.peer.borrow_mut().send(Frame::standard(0x123, &[1, 2]));
-    while bench.chip.borrow().register(CANINTF) == 0 {
-        bench.run_bits(1);
-    }
+    bench.run_to_flag();
     let set = bench.now;
     bench.run_bits(20);
     let record = bench.bus.take_records().pop().expect("a frame");
     let early = record.end.saturating_sub(set);
     assert!(early <= 2 * BIT && set <= record.end + BIT, "set at {set}, frame {record:?}");
-}
-
-/// DS20001801J 2.0, 6.0: a frame with an error is not received.
-#[test]
-fn a_frame_with_an_error_is_not_received() {
-    let mut bench = Bench::normal();
-    bench.bus.inject(can_model::Fault::FlipBit { bit: 25 });
-    bench.peer.borrow_mut().send(Frame::standard(0x123, &[0x55, 0x55]));
-    bench.run_bits(60);
-    assert_eq!(bench.read(CANINTF) & (RX0IF | MERRF), MERRF);
-    bench.run_bits(FRAME_BITS);
-    assert_eq!(bench.read(CANINTF) & (RX0IF | MERRF), MERRF | RX0IF, "the peer repeats it");
 }
 
 /// The log has the time of reception and the time at which the flag was cleared.

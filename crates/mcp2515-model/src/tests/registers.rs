@@ -1,34 +1,46 @@
 //! The register map.
 
+use super::script::run_all;
 use super::support::*;
 
-/// DS20001801J Table 11-2 and the register descriptions: values after power-up.
 #[test]
-fn registers_have_their_reset_values() {
-    let mut bench = Bench::new();
-    for (address, value) in [
-        (BFPCTRL, 0x00),
-        (CANSTAT, 0x80),
-        (CANCTRL, 0x87),
-        (TEC, 0x00),
-        (REC, 0x00),
-        (CNF3, 0x00),
-        (CNF2, 0x00),
-        (CNF1, 0x00),
-        (CANINTE, 0x00),
-        (CANINTF, 0x00),
-        (EFLG, 0x00),
-        (TXB0CTRL, 0x00),
-        (0x40, 0x00),
-        (0x50, 0x00),
-        (RXB0CTRL, 0x00),
-        (RXB1CTRL, 0x00),
-        // The three RTS pins are inputs with pull-ups (3.5).
-        (TXRTSCTRL, 0x38),
-    ] {
-        bench.assert_register(address, value);
-    }
-    assert_eq!(bench.read_many(RXM0, 8), [0; 8], "masks");
+fn values() {
+    run_all(
+        "
+Table 11-2 and the register descriptions: values after power-up. The RTS pins have pull-ups (3.5)
+    BFPCTRL = 0 38 80 87; TEC = 0 0; RXM0 = 0 0 0 0 0 0 0 0 0 0 0 0 0 0 80 87; TXB0CTRL = 0
+    TXB1CTRL = 0; TXB2CTRL = 0; RXB0CTRL = 0; RXB1CTRL = 0
+Registers 3-3, 4-10: filters and buffers are \"unknown\" after a reset. Here they keep their values
+    RXF3 <- 12 6A 56 78; TXB0SIDH <- 9A EB; reset; RXF3 = 12 6A 56 78; TXB0SIDH = 9A EB
+Section 11: unimplemented and read-only bits stay 0. BUKT1 is a copy of BUKT. RTS pins are 0 (3-2)
+    each $address $value: BFPCTRL 3F, TXRTSCTRL 07, CNF3 C7, CNF2 FF, CNF1 FF, CANINTE FF, 00 FF, \
+                          01 EB, 02 FF, 11 EB, 21 E3, 25 E3, 27 FF, 31 FF, 32 EB, 45 4F, 5D FF, \
+                          RXB0CTRL 66, RXB1CTRL 60, EFLG C0, CANINTF FF, TXB1CTRL 0B
+    $address <- FF; $address = $value
+10-2: CANSTAT is read-only. A sequential WRITE over it is no violation
+    EFLG <- 00 FF 80; CANSTAT = 80 80
+6-1, 6-2, 4-4 to 4-9: error counters and receive buffers are read-only
+    each $address $name: TEC TEC, REC REC, 61 RXB0SIDH, 7D RXB1D7
+    in NORMAL; RXB0CTRL <- BUKT; peer 001#0000000000000000 001#0000000000000000
+    $address <- FF; $address = 0; violation $name read-only
+4.5: masks and filters read as 0 outside configuration mode, but keep their values
+    set up; RXF5 <- 11 0A 33 44; enter NORMAL; RXF5 = 0 0 0 0; enter CONFIGURATION
+    RXF5 = 11 0A 33 44
+5.7: the bit timing is readable in every mode
+    in NORMAL; CNF3 = 01 91 00
+12.3, Table 11-1: the address counter has seven bits
+    00 <- 3C; 7F = 87 3C
+Table 11-1: no addresses exist beyond 7Fh
+    8F = 87; violation 8Fh Table 11-1
+10.1: CNFn, TXRTSCTRL, filters and masks are writable in configuration mode only
+    each $mode: NORMAL, LISTEN_ONLY, LOOPBACK, SLEEP
+    in $mode; CNF1 <- 3; violation CNF1 03h 10.1; CNF1 = 0; CNF2 <- 3; violation CNF2 03h 10.1
+    CNF2 = 91; CNF3 <- 3; violation CNF3 03h 10.1; CNF3 = 1; TXRTSCTRL <- 3
+    violation TXRTSCTRL 03h 10.1; TXRTSCTRL = 38; 00 <- 3; violation RXF0SIDH 03h 10.1; shows 00 0
+    1B <- 3; violation RXF5EID0 03h 10.1; shows 1B 0; RXM0 <- 3; violation RXM0SIDH 03h 10.1
+    shows RXM0 0; 26 <- 3; violation RXM1EID8 03h 10.1; shows 26 0
+",
+    );
 }
 
 /// DS20001801J 9.0: RESET restores the same values, whatever was written.
@@ -46,60 +58,6 @@ fn the_reset_instruction_restores_the_reset_values() {
     assert_eq!(bench.read_many(0x00, 128), before);
 }
 
-/// DS20001801J Registers 3-3 and 4-10: filters and buffers are "unknown" after a reset. In the
-/// model they keep their values, as RAM does.
-#[test]
-fn filters_and_buffers_survive_a_reset() {
-    let mut bench = Bench::new();
-    bench.write(RXF[3], &[0x12, 0x6A, 0x56, 0x78]);
-    bench.write(TXB0SIDH, &[0x9A, 0xEB]);
-    bench.reset();
-    assert_eq!(bench.read_many(RXF[3], 4), [0x12, 0x6A, 0x56, 0x78]);
-    assert_eq!(bench.read_many(TXB0SIDH, 2), [0x9A, 0xEB]);
-}
-
-/// DS20001801J section 11: unimplemented and read-only bits stay 0 when FFh is written.
-#[test]
-fn unimplemented_bits_read_as_zero() {
-    let mut bench = Bench::new();
-    for (address, value) in [
-        (BFPCTRL, 0x3F),
-        // Pins in request-to-send mode read as 0 (Register 3-2).
-        (TXRTSCTRL, 0x07),
-        (CNF3, 0xC7),
-        (CNF2, 0xFF),
-        (CNF1, 0xFF),
-        (CANINTE, 0xFF),
-        (0x00, 0xFF),
-        (0x01, 0xEB),
-        (0x02, 0xFF),
-        (0x11, 0xEB),
-        (0x21, 0xE3),
-        (0x25, 0xE3),
-        (0x27, 0xFF),
-        (0x31, 0xFF),
-        (0x32, 0xEB),
-        (0x45, 0x4F),
-        (0x5D, 0xFF),
-        // BUKT1 is a copy of BUKT.
-        (RXB0CTRL, 0x66),
-        (RXB1CTRL, 0x60),
-        (EFLG, 0xC0),
-        (CANINTF, 0xFF),
-    ] {
-        bench.write(address, &[0xFF]);
-        bench.assert_register(address, value);
-    }
-}
-
-/// DS20001801J Register 3-1: only TXREQ and TXP of TXBnCTRL are writable.
-#[test]
-fn the_flags_of_txbnctrl_are_read_only() {
-    let mut bench = Bench::new();
-    bench.write(0x40, &[0xFF]);
-    bench.assert_register(0x40, 0x0B);
-}
-
 /// DS20001801J Table 11-1: CANSTAT and CANCTRL appear in all eight columns.
 #[test]
 fn canstat_and_canctrl_are_in_every_column() {
@@ -111,83 +69,4 @@ fn canstat_and_canctrl_are_in_every_column() {
             bench.assert_register(other << 4 | 0x0F, 0x80 | column);
         }
     }
-}
-
-/// DS20001801J Register 10-2: CANSTAT is read-only. A sequential WRITE over it is no violation.
-#[test]
-fn canstat_ignores_writes() {
-    let mut bench = Bench::new();
-    bench.write(EFLG, &[0x00, 0xFF, 0x80]);
-    bench.assert_register(CANSTAT, 0x80);
-    bench.assert_register(CANCTRL, 0x80);
-}
-
-/// DS20001801J Registers 6-1, 6-2, 4-4 to 4-9: error counters and receive buffers are read-only.
-#[test]
-fn a_write_to_a_read_only_register_is_ignored_and_a_violation() {
-    for (address, name) in [(TEC, "TEC"), (REC, "REC"), (0x61, "RXB0SIDH"), (0x7D, "RXB1D7")] {
-        let mut bench = Bench::new();
-        let before = bench.read(address);
-        bench.write(address, &[!before]);
-        bench.assert_register(address, before);
-        bench.assert_violation(&[name, "read-only"]);
-    }
-}
-
-/// DS20001801J 10.1: CNFn, TXRTSCTRL, filters and masks are writable in configuration mode only.
-#[test]
-fn configuration_registers_reject_writes_in_other_modes() {
-    for mode in [NORMAL, LISTEN_ONLY, LOOPBACK, SLEEP] {
-        for (address, name) in [
-            (CNF1, "CNF1"),
-            (CNF2, "CNF2"),
-            (CNF3, "CNF3"),
-            (TXRTSCTRL, "TXRTSCTRL"),
-            (0x00, "RXF0SIDH"),
-            (0x1B, "RXF5EID0"),
-            (0x20, "RXM0SIDH"),
-            (0x26, "RXM1EID8"),
-        ] {
-            let mut bench = Bench::in_mode(mode);
-            let before = bench.chip.borrow().register(address);
-            bench.write(address, &[0x03]);
-            bench.assert_violation(&[name, "03h", "10.1"]);
-            assert_eq!(bench.chip.borrow().register(address), before, "{name} in {mode:02X}h");
-        }
-    }
-}
-
-/// DS20001801J 4.5: masks and filters read as 0 outside configuration mode, but keep their values.
-#[test]
-fn filters_and_masks_read_as_zero_outside_configuration_mode() {
-    let mut bench = Bench::new();
-    bench.set_up();
-    bench.write(RXF[5], &[0x11, 0x0A, 0x33, 0x44]);
-    bench.enter(NORMAL);
-    assert_eq!(bench.read_many(RXF[5], 4), [0; 4]);
-    bench.enter(CONFIGURATION);
-    assert_eq!(bench.read_many(RXF[5], 4), [0x11, 0x0A, 0x33, 0x44]);
-}
-
-/// DS20001801J 5.7: the bit timing is readable in every mode.
-#[test]
-fn cnf_registers_are_readable_in_normal_mode() {
-    let mut bench = Bench::normal();
-    assert_eq!(bench.read_many(CNF3, 3), CNF_1M);
-}
-
-/// DS20001801J 12.3 and Table 11-1: the address counter has seven bits.
-#[test]
-fn a_sequential_read_wraps_from_7f_to_00() {
-    let mut bench = Bench::new();
-    bench.write(0x00, &[0x3C]);
-    assert_eq!(bench.read_many(0x7F, 2), [0x87, 0x3C]);
-}
-
-/// DS20001801J Table 11-1: no addresses exist beyond 7Fh.
-#[test]
-fn an_address_beyond_the_map_is_a_violation() {
-    let mut bench = Bench::new();
-    assert_eq!(bench.read(0x8F), 0x87, "only seven address bits exist");
-    bench.assert_violation(&["8Fh", "Table 11-1"]);
 }

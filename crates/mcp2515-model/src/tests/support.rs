@@ -5,65 +5,41 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use super::super::{Mcp2515, Mode};
-use can_model::{Bus, Frame, Id, PortId, SoftNode};
+use can_model::{Bus, Frame, PortId, SoftNode};
 use sim_base::Cycles;
 
-pub const BFPCTRL: u8 = 0x0C;
-pub const TXRTSCTRL: u8 = 0x0D;
-pub const CANSTAT: u8 = 0x0E;
-pub const CANCTRL: u8 = 0x0F;
-pub const TEC: u8 = 0x1C;
-pub const REC: u8 = 0x1D;
-pub const CNF3: u8 = 0x28;
-pub const CNF2: u8 = 0x29;
-pub const CNF1: u8 = 0x2A;
-pub const CANINTE: u8 = 0x2B;
-pub const CANINTF: u8 = 0x2C;
-pub const EFLG: u8 = 0x2D;
-pub const TXB0CTRL: u8 = 0x30;
-pub const TXB0SIDH: u8 = 0x31;
-pub const RXB0CTRL: u8 = 0x60;
-pub const RXB0SIDH: u8 = 0x61;
-pub const RXB1CTRL: u8 = 0x70;
-pub const RXB1SIDH: u8 = 0x71;
-pub const RXM0: u8 = 0x20;
-pub const RXM1: u8 = 0x24;
+macro_rules! named {
+    ($($name:ident = $value:literal)*) => {
+        $(pub const $name: u8 = $value;)*
+        /// The names that scripts can use.
+        pub const NAMED: &[(&str, u8)] = &[$((stringify!($name), $name)),*];
+    };
+}
+
+named! {
+    RXF0 = 0x00 RXF1 = 0x04 RXF2 = 0x08 RXF3 = 0x10 RXF4 = 0x14 RXF5 = 0x18 RXM0 = 0x20 RXM1 = 0x24
+    BFPCTRL = 0x0C TXRTSCTRL = 0x0D CANSTAT = 0x0E CANCTRL = 0x0F TEC = 0x1C REC = 0x1D
+    CNF3 = 0x28 CNF2 = 0x29 CNF1 = 0x2A CANINTE = 0x2B CANINTF = 0x2C EFLG = 0x2D
+    TXB0CTRL = 0x30 TXB0SIDH = 0x31 TXB0D0 = 0x36 TXB1CTRL = 0x40 TXB2CTRL = 0x50
+    RXB0CTRL = 0x60 RXB0SIDH = 0x61 RXB0D0 = 0x66 RXB1CTRL = 0x70 RXB1SIDH = 0x71 RXB1D0 = 0x76
+    // Instructions.
+    RESET = 0xC0 READ = 0x03 WRITE = 0x02 BIT_MODIFY = 0x05 READ_STATUS = 0xA0 RX_STATUS = 0xB0
+    // CANINTF.
+    RX0IF = 0x01 RX1IF = 0x02 TX0IF = 0x04 TX1IF = 0x08 TX2IF = 0x10 ERRIF = 0x20 WAKIF = 0x40
+    MERRF = 0x80
+    // TXBnCTRL.
+    ABTF = 0x40 MLOA = 0x20 TXERR = 0x10 TXREQ = 0x08
+    // CANCTRL, RXBnCTRL and SIDL.
+    ABAT = 0x10 OSM = 0x08 BUKT = 0x04 EXIDE = 0x08
+    // EFLG.
+    RX1OVR = 0x80 RX0OVR = 0x40 TXBO = 0x20 TXEP = 0x10 RXEP = 0x08 TXWAR = 0x04 RXWAR = 0x02
+    EWARN = 0x01
+    // REQOP and OPMOD.
+    NORMAL = 0x00 SLEEP = 0x20 LOOPBACK = 0x40 LISTEN_ONLY = 0x60 CONFIGURATION = 0x80
+}
+
 /// RXF0SIDH to RXF5SIDH.
-pub const RXF: [u8; 6] = [0x00, 0x04, 0x08, 0x10, 0x14, 0x18];
-
-pub const RESET: u8 = 0xC0;
-pub const READ: u8 = 0x03;
-pub const WRITE: u8 = 0x02;
-pub const BIT_MODIFY: u8 = 0x05;
-pub const READ_STATUS: u8 = 0xA0;
-pub const RX_STATUS: u8 = 0xB0;
-pub const RTS0: u8 = 0x81;
-
-pub const RX0IF: u8 = 0x01;
-pub const RX1IF: u8 = 0x02;
-pub const TX0IF: u8 = 0x04;
-pub const ERRIF: u8 = 0x20;
-pub const WAKIF: u8 = 0x40;
-pub const MERRF: u8 = 0x80;
-
-pub const ABTF: u8 = 0x40;
-pub const MLOA: u8 = 0x20;
-pub const TXERR: u8 = 0x10;
-pub const TXREQ: u8 = 0x08;
-
-pub const ABAT: u8 = 0x10;
-pub const OSM: u8 = 0x08;
-pub const BUKT: u8 = 0x04;
-pub const EXIDE: u8 = 0x08;
-
-pub const RX1OVR: u8 = 0x80;
-pub const RX0OVR: u8 = 0x40;
-
-pub const NORMAL: u8 = 0x00;
-pub const SLEEP: u8 = 0x20;
-pub const LOOPBACK: u8 = 0x40;
-pub const LISTEN_ONLY: u8 = 0x60;
-pub const CONFIGURATION: u8 = 0x80;
+pub const RXF: [u8; 6] = [RXF0, RXF1, RXF2, RXF3, RXF4, RXF5];
 
 /// AVR cycles of a bit at 1 Mbit/s, and of an SPI byte at 8 MHz.
 pub const BIT: Cycles = 16;
@@ -72,8 +48,6 @@ pub const SPI_BYTE: Cycles = 16;
 pub const FRAME_BITS: u64 = 200;
 /// 1 Mbit/s from 16 MHz with the sample point at 75 %: CNF3, CNF2, CNF1.
 pub const CNF_1M: [u8; 3] = [0x01, 0x91, 0x00];
-/// 500 kbit/s.
-pub const CNF_500K: [u8; 3] = [0x01, 0xBC, 0x00];
 
 pub struct Bench {
     pub bus: Bus,
@@ -130,12 +104,27 @@ impl Bench {
         self.run_to(self.now + bits * BIT);
     }
 
+    /// Runs cycle by cycle until CANINTF is not 0.
+    #[track_caller]
+    pub fn run_to_flag(&mut self) {
+        let end = self.now + 10 * FRAME_BITS * BIT;
+        while self.chip.borrow().register(CANINTF) == 0 {
+            assert!(self.now < end, "no flag");
+            self.run_to(self.now + 1);
+        }
+    }
+
     /// Sends one SPI instruction. Returns the answer to each byte.
     pub fn spi(&mut self, bytes: &[u8]) -> Vec<u8> {
         self.select();
         let answers = bytes.iter().map(|&byte| self.byte(byte)).collect();
         self.deselect();
         answers
+    }
+
+    /// Sends an instruction at a time to which the bus has not come yet.
+    pub fn spi_at(&self, at: Cycles, bytes: &[u8]) {
+        spi_at(&mut self.chip.borrow_mut(), at, bytes);
     }
 
     pub fn select(&mut self) {
@@ -212,11 +201,6 @@ impl Bench {
         received.into_iter().map(|(_, frame)| frame).collect()
     }
 
-    /// The identifiers of these.
-    pub fn peer_ids(&mut self) -> Vec<Id> {
-        self.peer_received().into_iter().map(|frame| frame.id).collect()
-    }
-
     /// Fills transmit buffer `n` with a standard data frame, without sending it.
     pub fn load(&mut self, n: u8, id: u16, data: &[u8]) {
         let mut bytes =
@@ -240,13 +224,6 @@ impl Bench {
     pub fn send(&mut self, id: u16, data: &[u8]) {
         self.load(0, id, data);
         self.rts(1);
-    }
-
-    /// Aborts all frames, or the one of buffer 0 by its TXREQ.
-    pub fn abort(&mut self, by_abat: bool) {
-        let (register, mask, value) =
-            if by_abat { (CANCTRL, ABAT, ABAT) } else { (TXB0CTRL, TXREQ, 0) };
-        self.modify(register, mask, value);
     }
 
     /// The peer begins a frame; returns after its first few bits.
@@ -284,6 +261,18 @@ impl Bench {
             assert!(violations[0].contains(part), "{part:?} is not in {:?}", violations[0]);
         }
     }
+}
+
+/// Sends an instruction to a chip, all bytes at the same time. Returns the answer to the last.
+pub fn spi_at(chip: &mut Mcp2515, at: Cycles, bytes: &[u8]) -> u8 {
+    chip.select(at);
+    let mut answer = 0;
+    for byte in bytes {
+        chip.begin_byte(at);
+        answer = chip.end_byte(*byte, at);
+    }
+    chip.deselect(at);
+    answer
 }
 
 impl Drop for Bench {

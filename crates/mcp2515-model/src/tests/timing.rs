@@ -1,7 +1,9 @@
 //! Bit timing.
 
+use super::super::Mcp2515;
+use super::script::run_all;
 use super::support::*;
-use can_model::{Frame, Station};
+use can_model::Station;
 
 fn timed(cnf3_to_cnf1: [u8; 3]) -> Bench {
     let mut bench = Bench::new();
@@ -45,18 +47,9 @@ fn without_btlmode_ps2_follows_ps1() {
 /// DS20001801J 5.0: the bit time scales with the crystal.
 #[test]
 fn an_8_mhz_crystal_doubles_the_bit_time() {
-    let mut chip = super::super::Mcp2515::new(8_000_000);
-    let at = 1_000;
-    chip.select(at);
-    for byte in [WRITE, CNF3, 0x01, 0x91, 0x00] {
-        chip.end_byte(byte, at);
-    }
-    chip.deselect(at);
-    chip.select(at);
-    for byte in [WRITE, CANCTRL, NORMAL] {
-        chip.end_byte(byte, at);
-    }
-    chip.deselect(at);
+    let mut chip = Mcp2515::new(8_000_000);
+    spi_at(&mut chip, 1_000, &[WRITE, CNF3, 0x01, 0x91, 0x00]);
+    spi_at(&mut chip, 1_000, &[WRITE, CANCTRL, NORMAL]);
     assert_eq!(chip.bit_time_ps(), Some(2_000_000));
 }
 
@@ -70,79 +63,30 @@ fn there_is_no_bit_time_in_configuration_mode() {
     assert_eq!(bench.chip.borrow().bit_time_ps(), None);
 }
 
-/// DS20001801J 5.5: the rules are checked when configuration mode is left.
 #[test]
-fn illegal_bit_timing_is_a_violation_on_leaving_configuration_mode() {
-    for (cnf, fault) in [
-        ([0x00, 0xBC, 0x00], "PS2 is shorter than 2 TQ"),
-        ([0x07, 0x88, 0x00], "PropSeg + PS1 is shorter than PS2"),
-        ([0x02, 0xBC, 0x80], "PS2 is not longer than SJW"),
-        ([0x00, 0x00, 0x00], "above 1 Mbit/s"),
-    ] {
-        let mut bench = timed(cnf);
-        bench.request(NORMAL);
-        bench.assert_violation(&["CNF1", fault, "5.5"]);
-    }
-}
-
-/// DS20001801J 5.5: the limits themselves are legal.
-#[test]
-fn bit_timing_at_the_limits_is_no_violation() {
-    // PS2 2 > SJW 1, PropSeg + PS1 = PS2, 25 TQ.
-    for cnf in [[0x01, 0x91, 0x00], [0x03, 0x89, 0x00], [0x07, 0xBF, 0x00], [0x04, 0xBC, 0xC0]] {
-        timed(cnf).request(NORMAL);
-    }
-}
-
-/// DS20001801J 5.5: one violation until configuration mode is entered again.
-#[test]
-fn illegal_bit_timing_is_reported_once() {
-    let mut bench = timed([0x00, 0xBC, 0x00]);
-    bench.request(NORMAL);
-    bench.request(LISTEN_ONLY);
-    assert_eq!(bench.violations().len(), 1);
-    bench.enter(LISTEN_ONLY);
-    bench.enter(CONFIGURATION);
-    assert!(bench.violations().is_empty());
-    bench.request(NORMAL);
-    assert_eq!(bench.violations().len(), 1);
-}
-
-/// DS20001801J 10.4: in loopback mode the chip is off the bus, so its bit rate does not matter.
-#[test]
-fn loopback_may_be_faster_than_any_bus() {
-    let mut bench = timed([0x00, 0x00, 0x00]);
-    bench.enter(LOOPBACK);
-}
-
-/// DS20001801J 5.0: nodes with different nominal bit rates cannot communicate.
-#[test]
-fn a_chip_with_another_bit_rate_detects_errors_and_receives_no_frames() {
-    let mut bench = Bench::new();
-    bench.set_up();
-    bench.write(CNF3, &CNF_500K);
-    bench.enter(NORMAL);
-    bench.peer.borrow_mut().send(Frame::extended(0x0123_4567, &[0x5A; 8]));
-    bench.run_bits(2_000);
-    assert_eq!(bench.read(CANINTF) & (RX0IF | RX1IF | MERRF), MERRF);
-    assert_ne!(bench.read(REC), 0);
-}
-
-/// DS20001801J 10.3: a listener at the wrong rate detects errors and does not disturb the bus.
-#[test]
-fn a_listener_with_another_bit_rate_does_not_disturb() {
-    let mut bench = Bench::new();
-    bench.set_up();
-    bench.write(CNF3, &CNF_500K);
-    bench.enter(LISTEN_ONLY);
-    let witness = std::rc::Rc::new(std::cell::RefCell::new(can_model::SoftNode::new(1_000_000)));
-    bench.bus.attach("witness", witness.clone());
-    bench.run_bits(50);
-    let frame = Frame::extended(0x0123_4567, &[0x5A; 8]);
-    bench.peer_sends(&[frame]);
-    assert_eq!(witness.borrow_mut().take_received().len(), 1);
-    assert_ne!(bench.read(CANINTF) & MERRF, 0);
-    assert_eq!(bench.read(REC), 0);
+fn rules() {
+    run_all(
+        "
+5.5: the rules are checked when configuration mode is left
+    each $cnf $fault: 00+BC+00 PS2+is+shorter+than+2+TQ, 07+88+00 PropSeg+PS1+is+shorter+than+PS2, \
+                      02+BC+80 PS2+is+not+longer+than+SJW, 00+00+00 above+1+Mbit/s
+    CNF3 <- $cnf; request NORMAL; violation CNF1 $fault 5.5
+5.5: the limits are legal: PS2 2 > SJW 1, PropSeg + PS1 = PS2, 25 TQ
+    each $cnf: 01+91+00, 03+89+00, 07+BF+00, 04+BC+C0
+    CNF3 <- $cnf; request NORMAL
+5.5: one violation until configuration mode is entered again
+    CNF3 <- 00 BC 00; request NORMAL; request LISTEN_ONLY; violation 5.5; enter LISTEN_ONLY
+    enter CONFIGURATION; request NORMAL; violation 5.5
+10.4: in loopback mode the chip is off the bus, so its bit rate does not matter
+    CNF3 <- 00 00 00; enter LOOPBACK
+5.0: nodes with different nominal bit rates cannot communicate
+    set up; CNF3 <- 01 BC 00; enter NORMAL; queue 01234567#5A5A5A5A5A5A5A5A; bits 2000
+    CANINTF & RX0IF|RX1IF|MERRF = MERRF; counts REC
+10.3: a listener at the wrong rate detects errors, and does not disturb the bus
+    set up; CNF3 <- 01 BC 00; enter LISTEN_ONLY; witness; peer 01234567#5A5A5A5A5A5A5A5A
+    CANINTF & MERRF = MERRF; REC = 0; acknowledged
+",
+    );
 }
 
 /// DS20001801J 5.0: a fast crystal makes the bits short. 8.1: the timer counts its periods once the
@@ -151,17 +95,11 @@ fn a_listener_with_another_bit_rate_does_not_disturb() {
 fn a_crystal_has_its_deviation_and_its_time_to_settle() {
     const SETTLING: u64 = 160_000;
     const START_UP: u64 = 128;
-    let mut chip = super::super::Mcp2515::new(16_000_000);
+    let mut chip = Mcp2515::new(16_000_000);
     chip.set_oscillator(1_000, SETTLING);
     let mut send = |bytes: &[u8], at| {
-        chip.select(at);
-        let exchange = |byte: &u8| {
-            chip.begin_byte(at);
-            chip.end_byte(*byte, at)
-        };
-        let answers: Vec<u8> = bytes.iter().map(exchange).collect();
-        chip.deselect(at);
-        (answers[answers.len() - 1], chip.take_violations().len())
+        let answer = spi_at(&mut chip, at, bytes);
+        (answer, chip.take_violations().len())
     };
     let canstat = [READ, CANSTAT, 0];
     assert_ne!(send(&canstat, SETTLING - 1), (CONFIGURATION, 0));
