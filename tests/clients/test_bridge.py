@@ -140,6 +140,8 @@ def test_unsupported_commands_are_answered(joined):
     # A command that the bridge does not know.
     assert ground.command(42_650).result == UNSUPPORTED
     assert ground.command(REQUEST_MESSAGE, 30).result == DENIED
+    assert ground.command(REQUEST_MESSAGE, 310).result == ACCEPTED
+    assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0).result == DENIED
     assert ground.command(mavlink.MAV_CMD_PREFLIGHT_STORAGE, 2, component=0).result == DENIED
     assert (
         ground.command(mavlink.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN, 1, component=0).result == DENIED
@@ -222,6 +224,8 @@ def test_a_station_with_mavlink_1_is_answered_with_mavlink_1(joined, station):
         SYSTEM, NODE, mavlink.MAV_CMD_PREFLIGHT_STORAGE, 0, 1, 0, 0, 0, 0, 0, 0
     )
     assert old.wait_for("COMMAND_ACK", NODE).result == ACCEPTED
+    old.mav.command_long_send(SYSTEM, NODE, 42_650, 0, 0, 0, 0, 0, 0, 0, 0)
+    assert old.wait_for("COMMAND_ACK", NODE).result == UNSUPPORTED
     old.wait_for("HEARTBEAT", NODE)
     assert value_of(ground.read("OUT1_MAX")) == 1800, (
         "the other station must still receive version 2"
@@ -343,7 +347,10 @@ def test_pydronecan_manages_the_node_through_mavlink(bench, bridge):
     assert client.get("OUT1_MIN") == 1234
     client.command((1, 4, 1600))
     client.spin_until(lambda: used.pulse_us() == 1600, "pulse of 1600 us")
-    assert monitor.exists(BRIDGE), "the bridge must be a node itself"
+    client.spin_until(
+        lambda: monitor.exists(BRIDGE) and monitor.get(BRIDGE).info,
+        "information of the bridge, which is a node itself",
+    )
 
 
 def test_three_nodes_and_one_with_long_names(bench, bridge, station):
@@ -384,6 +391,10 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
         "4 nodes",
     )
     assert received == {42, 120, 121, 122}
+    # Of each node, also if the command is addressed to one.
+    assert ground.command(GET_NODE_INFO, component=120).result == ACCEPTED
+    infos = ground.gather(0.5, "UAVCAN_NODE_INFO")
+    assert sorted(m.get_srcComponent() for m in infos) == [42, 120, 121, 122]
     for node in (120, 121, 122):
         found = ground.parameters(node)
         assert list(found) == PARAMETERS and value_of(found["CAN_NODE"]) == node

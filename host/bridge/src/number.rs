@@ -245,62 +245,32 @@ mod tests {
         );
     }
 
-    #[test]
-    fn values_of_other_types_are_converted() {
-        let limited = parameter(Value::Integer(1000), Some((500, 2500)));
-        assert_eq!(
-            decode(REAL32, 1900.0, IntegerEncoding::Bytewise, &limited),
-            Ok(Some(Value::Integer(1900)))
-        );
-        assert_eq!(decode(REAL32, 1900.5, IntegerEncoding::Bytewise, &limited), Err(Unfit::Value));
-        assert_eq!(
-            decode(REAL32, f32::NAN, IntegerEncoding::Bytewise, &limited),
-            Err(Unfit::Value)
-        );
-        assert_eq!(
-            decode(REAL32, f32::INFINITY, IntegerEncoding::Bytewise, &limited),
-            Err(Unfit::Value)
-        );
-        assert_eq!(
-            decode(4, f32::from_bits(1900), IntegerEncoding::Bytewise, &limited),
-            Ok(Some(Value::Integer(1900)))
-        );
-        assert_eq!(decode(10, 1900.0, IntegerEncoding::Bytewise, &limited), Err(Unfit::Kind));
-        assert_eq!(decode(0, 1900.0, IntegerEncoding::Bytewise, &limited), Err(Unfit::Kind));
-        let real = parameter(Value::Real(1.0), None);
-        assert_eq!(
-            decode(INT32, f32::from_bits(3), IntegerEncoding::Bytewise, &real),
-            Ok(Some(Value::Real(3.0)))
-        );
-        let boolean = parameter(Value::Boolean(false), None);
-        assert_eq!(
-            decode(REAL32, 1.0, IntegerEncoding::Bytewise, &boolean),
-            Ok(Some(Value::Boolean(true)))
-        );
-        assert_eq!(
-            decode(INT32, f32::from_bits(2), IntegerEncoding::Bytewise, &boolean),
-            Err(Unfit::Value)
-        );
-    }
-
     /// A station uses ArduPilot's encoding and the bridge the other. The parameter's limits show
     /// which encoding is meant.
     #[test]
-    fn a_cast_integer_is_accepted_if_only_that_is_in_the_limits() {
+    fn values_of_other_types_and_encodings_are_converted() {
+        use IntegerEncoding::{Bytewise, Cast};
         let limited = parameter(Value::Integer(1000), Some((500, 2500)));
-        assert_eq!(
-            decode(INT32, 1900.0, IntegerEncoding::Bytewise, &limited),
-            Ok(Some(Value::Integer(1900)))
-        );
-        let out_of_limits = f32::from_bits(3000);
-        assert_eq!(
-            decode(INT32, out_of_limits, IntegerEncoding::Bytewise, &limited),
-            Ok(Some(Value::Integer(3000)))
-        );
-        assert_eq!(
-            decode(INT32, 1900.0, IntegerEncoding::Cast, &integer(0)),
-            Ok(Some(Value::Integer(1900)))
-        );
+        let real = parameter(Value::Real(1.0), None);
+        let boolean = parameter(Value::Boolean(false), None);
+        let set = |value| Ok(Some(Value::Integer(value)));
+        for (name, kind, value, encoding, current, expected) in [
+            ("a real of an integer", REAL32, 1900.0, Bytewise, &limited, set(1900)),
+            ("no integer", REAL32, 1900.5, Bytewise, &limited, Err(Unfit::Value)),
+            ("NaN", REAL32, f32::NAN, Bytewise, &limited, Err(Unfit::Value)),
+            ("infinity", REAL32, f32::INFINITY, Bytewise, &limited, Err(Unfit::Value)),
+            ("INT16", 4, f32::from_bits(1900), Bytewise, &limited, set(1900)),
+            ("REAL64", 10, 1900.0, Bytewise, &limited, Err(Unfit::Kind)),
+            ("type 0", 0, 1900.0, Bytewise, &limited, Err(Unfit::Kind)),
+            ("an integer", INT32, f32::from_bits(3), Bytewise, &real, Ok(Some(Value::Real(3.0)))),
+            ("1 is true", REAL32, 1.0, Bytewise, &boolean, Ok(Some(Value::Boolean(true)))),
+            ("2 is no boolean", INT32, f32::from_bits(2), Bytewise, &boolean, Err(Unfit::Value)),
+            ("only cast in the limits", INT32, 1900.0, Bytewise, &limited, set(1900)),
+            ("neither", INT32, f32::from_bits(3000), Bytewise, &limited, set(3000)),
+            ("cast", INT32, 1900.0, Cast, &integer(0), set(1900)),
+        ] {
+            assert_eq!(decode(kind, value, encoding, current), expected, "{name}");
+        }
     }
 
     proptest! {
@@ -324,7 +294,7 @@ mod tests {
                     continue;
                 }
                 let decoded = decode(REAL32, sent, encoding, &current);
-            let Ok(Some(Value::Real(back))) = decoded else { panic!("no real") };
+                let Ok(Some(Value::Real(back))) = decoded else { panic!("no real") };
                 prop_assert_eq!(back.to_bits(), bits);
             }
         }

@@ -90,19 +90,6 @@ fn radio_status(free_percent: u8) -> Vec<u8> {
 }
 
 #[test]
-fn a_signed_message_is_executed_on_one_of_all_channels() {
-    let signing = Rc::new(RefCell::new(Signing::new(KEY)));
-    let mut listeners = Listeners::new(2, Some(signing));
-    let station = Signer::new(Rc::new(RefCell::new(Signing::new(KEY))), 3);
-    let captured = heartbeat(&station);
-    assert_eq!(listeners.send(0, &captured), 1);
-    assert_eq!(listeners.send(0, &captured), 1, "again on the same channel");
-    assert_eq!(listeners.send(1, &captured), 0, "on another channel");
-    assert!(listeners.channels[1].peers.is_empty(), "it gets no place there");
-    assert_eq!(listeners.send(1, &heartbeat(&station)), 1, "the next one");
-}
-
-#[test]
 fn the_status_of_a_radio_needs_no_key_and_gives_no_rights() {
     let signing = Rc::new(RefCell::new(Signing::new(KEY)));
     let mut listeners = Listeners::new(1, Some(signing));

@@ -4,14 +4,10 @@ use super::rig::*;
 use mavlink::dialects::common::{CAN_FILTER_MODIFY_DATA, CanFilterOp};
 
 fn can_frames(rig: &mut Rig) -> Vec<(u8, CAN_FRAME_DATA)> {
-    let frame = |(component, content): (u8, Content)| match content {
-        Content::Message(message) => match *message {
-            MavMessage::CAN_FRAME(data) => Some((component, data)),
-            _ => None,
-        },
+    picked(&rig.sent_messages(), |message| match message {
+        MavMessage::CAN_FRAME(data) => Some(data.clone()),
         _ => None,
-    };
-    rig.sent_messages().into_iter().filter_map(frame).collect()
+    })
 }
 
 #[test]

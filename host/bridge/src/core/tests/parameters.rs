@@ -3,23 +3,10 @@
 use super::rig::*;
 
 #[test]
-fn all_parameters_are_sent_in_order_with_their_count() {
-    let mut rig = Rig::with_node(26);
-    rig.send_request((1, 42), Request::ParameterList);
-    rig.run_ms(200);
-    let parameters = rig.parameters();
-    assert_eq!(parameters.len(), 26);
-    for (at, parameter) in parameters.iter().enumerate() {
-        let expected = (format!("PARAM_{at}"), Number::Int32(at as i32 * 10), 26, at as u16);
-        assert_eq!(*parameter, expected);
-    }
-}
-
-#[test]
 fn all_parameters_are_fetched_although_every_third_request_is_lost() {
     let mut rig = Rig::with_node(40);
     rig.node().lose_every = Some(3);
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.list(42);
     rig.run_ms(20_000);
     assert_eq!(rig.parameters().len(), 40);
 }
@@ -30,8 +17,8 @@ fn a_list_requested_twice_is_fetched_once_and_component_0_is_all_nodes() {
     rig.run_ms(1500);
     rig.sent_messages();
     let before = rig.node().requests;
-    rig.send_request((1, 0), Request::ParameterList);
-    rig.send_request((1, 0), Request::ParameterList);
+    rig.list(0);
+    rig.list(0);
     rig.run_ms(200);
     assert_eq!(rig.parameters().len(), 8);
     // Up to four requests are unanswered when the end of the list is found.
@@ -39,24 +26,11 @@ fn a_list_requested_twice_is_fetched_once_and_component_0_is_all_nodes() {
 }
 
 #[test]
-fn a_parameter_is_read_by_index_or_name_and_sent_with_its_index() {
-    let mut rig = Rig::with_node(10);
-    rig.send_request((1, 42), Request::ParameterRead { index: Some(3), name: String::new() });
-    rig.send_request((0, 42), Request::ParameterRead { index: None, name: "PARAM_7".into() });
-    rig.run_ms(100);
-    let expected = |at: u16| (format!("PARAM_{at}"), Number::Int32(i32::from(at) * 10), 10, at);
-    assert_eq!(rig.parameters(), [expected(3), expected(7)]);
-}
-
-#[test]
 fn an_unknown_parameter_is_reported_to_the_sender() {
     let mut rig = Rig::with_node(3);
-    rig.send_request((1, 42), Request::ParameterRead { index: None, name: "NONE".into() });
-    rig.send_request((1, 42), Request::ParameterRead { index: Some(3), name: String::new() });
-    rig.send_request(
-        (1, 42),
-        Request::ParameterSet { name: "NONE".into(), value: 1.0, kind: INT32 },
-    );
+    rig.read("NONE");
+    rig.read_at(3);
+    rig.set("NONE", 1.0, INT32);
     rig.run_ms(100);
     let sent = rig.sent_messages();
     assert_eq!(errors(&sent), [MavParamError::MAV_PARAM_ERROR_DOES_NOT_EXIST; 3]);
@@ -66,10 +40,7 @@ fn an_unknown_parameter_is_reported_to_the_sender() {
 #[test]
 fn a_set_parameter_is_sent_to_all_stations_with_the_node_s_value() {
     let mut rig = Rig::with_node(3);
-    rig.send_request(
-        (1, 42),
-        Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(1900), kind: INT32 },
-    );
+    rig.set_integer("PARAM_1", 1900);
     rig.run_ms(100);
     let to_all = |(_, post): &(Duration, Post)| {
         matches!(
@@ -81,10 +52,7 @@ fn a_set_parameter_is_sent_to_all_stations_with_the_node_s_value() {
     assert_eq!(rig.posts.iter().filter(|post| to_all(post)).count(), 1);
     assert_eq!(rig.parameters(), [(String::from("PARAM_1"), Number::Int32(1900), 3, 1)]);
     assert_eq!(rig.node().parameters[1].value, Value::Integer(1900));
-    rig.send_request(
-        (1, 42),
-        Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(9999), kind: INT32 },
-    );
+    rig.set_integer("PARAM_1", 9999);
     rig.run_ms(100);
     let sent = rig.sent_messages();
     assert_eq!(errors(&sent), [MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE]);
@@ -92,57 +60,19 @@ fn a_set_parameter_is_sent_to_all_stations_with_the_node_s_value() {
 }
 
 #[test]
-fn an_invalid_value_is_answered_with_the_current_one() {
-    let mut rig = Rig::with_node(3);
-    for (value, kind) in [(0.5, 9), (f32::NAN, 9), (1.0, 10), (1.0, 0), (1.0, 99)] {
-        rig.send_request((1, 42), Request::ParameterSet { name: "PARAM_1".into(), value, kind });
-        rig.run_ms(100);
-        let sent = rig.sent_messages();
-        assert_eq!((errors(&sent).len(), sent.len()), (1, 2), "{sent:?}");
-        assert!(matches!(&sent[0].1, Content::Parameter { number: Number::Int32(10), .. }));
-    }
-    // A PARAM_SET to all nodes is ignored.
-    rig.send_request(
-        (1, 0),
-        Request::ParameterSet { name: "PARAM_1".into(), value: f32::from_bits(5), kind: INT32 },
-    );
-    rig.run_ms(100);
-    assert_eq!(rig.node().parameters[1].value, Value::Integer(10));
-}
-
-#[test]
 fn a_list_of_a_silent_node_fails_in_bounded_time() {
     let mut rig = Rig::with_node(3);
     rig.node().lose_every = Some(1);
-    rig.send_request((1, 42), Request::ParameterRead { index: None, name: "PARAM_1".into() });
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.read("PARAM_1");
+    rig.list(42);
     rig.run_ms(4100);
     let sent = rig.sent_messages();
     assert_eq!(errors(&sent), [MavParamError::MAV_PARAM_ERROR_READ_FAIL]);
     assert_eq!(texts(&sent), ["Node 42 does not send its parameters"]);
     rig.node().lose_every = None;
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.list(42);
     rig.run_ms(500);
     assert_eq!(rig.parameters().len(), 3);
-}
-
-#[test]
-fn long_names_are_shortened_and_set_by_the_short_name_in_any_case() {
-    let mut rig = Rig::with_node(2);
-    rig.node().parameters[0].name = b"uavcan.equipment.esc.current_limit_max".to_vec();
-    rig.node().parameters[1].name = b"uavcan.equipment.esc.current_limit_min".to_vec();
-    rig.send_request((1, 42), Request::ParameterList);
-    rig.run_ms(100);
-    let short: Vec<String> = rig.parameters().into_iter().map(|parameter| parameter.0).collect();
-    assert!(short.iter().all(|name| name.len() == 16) && short[0] != short[1]);
-    let name = short[1].to_ascii_uppercase();
-    rig.send_request(
-        (1, 42),
-        Request::ParameterSet { name, value: f32::from_bits(77), kind: INT32 },
-    );
-    rig.run_ms(100);
-    assert_eq!(rig.node().parameters[1].value, Value::Integer(77));
-    assert_eq!(rig.node().parameters[0].value, Value::Integer(0));
 }
 
 #[test]
@@ -150,7 +80,7 @@ fn a_restart_during_a_list_starts_it_again() {
     let mut rig = Rig::with_node(100);
     rig.run_ms(4490);
     rig.sent_messages();
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.list(42);
     rig.run_ms(8);
     rig.node().uptime_s = 0;
     rig.node().parameters.truncate(60);
@@ -164,14 +94,7 @@ fn autosave_saves_once_after_the_last_change() {
     let mut rig = Rig::with_node(3);
     rig.bridge.state.settings.autosave = Some(Duration::from_secs(2));
     for value in 1..=3 {
-        rig.send_request(
-            (1, 42),
-            Request::ParameterSet {
-                name: "PARAM_1".into(),
-                value: f32::from_bits(value),
-                kind: INT32,
-            },
-        );
+        rig.set_integer("PARAM_1", value);
         rig.run_ms(1500);
         assert_eq!(rig.node().saved, 0);
     }
@@ -184,17 +107,11 @@ fn text_and_nan_are_rejected_with_the_reason() {
     let mut rig = Rig::with_node(3);
     rig.node().parameters[0].value = Value::Text(b"left".to_vec());
     rig.node().parameters[2].value = Value::Real(1.5);
-    rig.send_request((1, 42), Request::ParameterRead { index: None, name: "PARAM_0".into() });
-    rig.send_request(
-        (1, 42),
-        Request::ParameterSet { name: "PARAM_0".into(), value: 1.0, kind: INT32 },
-    );
+    rig.read("PARAM_0");
+    rig.set("PARAM_0", 1.0, INT32);
     rig.run_ms(100);
     assert_eq!(errors(&rig.sent_messages()), [MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED; 2]);
-    rig.send_request(
-        (1, 42),
-        Request::ParameterSet { name: "PARAM_2".into(), value: f32::NAN, kind: 9 },
-    );
+    rig.set("PARAM_2", f32::NAN, 9);
     rig.run_ms(100);
     assert_eq!(errors(&rig.sent_messages()), [MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH]);
     assert_eq!(rig.node().parameters[2].value, Value::Real(1.5));
@@ -203,7 +120,7 @@ fn text_and_nan_are_rejected_with_the_reason() {
 #[test]
 fn a_list_of_a_node_without_parameters_is_answered_with_a_text() {
     let mut rig = Rig::with_node(0);
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.list(42);
     rig.run_ms(100);
     assert_eq!(texts(&rig.sent_messages()), ["Node 42 has no parameters"]);
 }

@@ -1,20 +1,6 @@
 //! Tests of nodes that appear, leave and restart, and of the bridge's own node.
 
 use super::rig::*;
-use crate::identity::NAME;
-
-#[test]
-fn each_node_status_is_sent_as_that_of_the_node_s_component() {
-    let mut rig = Rig::new(vec![Simulated::new(42, 0)]);
-    rig.run_ms(3500);
-    let statuses: Vec<_> =
-        rig.posts.iter().filter(|(_, post)| matches!(post, Post::Status { .. })).collect();
-    assert_eq!(statuses.len(), 3);
-    let (at, Post::Status { node, out }) = statuses[2] else { panic!() };
-    let Content::Status { data, mode } = &out.content else { panic!() };
-    assert_eq!((*node, out.component, data.uptime_sec, *mode), (NODE, 42, 2, 0));
-    assert_eq!(data.time_usec, 1_000_000_000 + at.as_micros() as u64);
-}
 
 #[test]
 fn a_new_node_s_info_is_requested_and_sent_to_all_stations() {
@@ -50,14 +36,14 @@ fn a_restarted_node_s_info_is_requested_again() {
 #[test]
 fn a_restart_within_the_first_second_of_a_node_is_detected_by_the_transfer_id() {
     let mut rig = Rig::with_node(1);
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.list(42);
     rig.run_ms(100);
     rig.node().parameters[0].value = Value::Integer(77);
     rig.node().uptime_s = 0;
     rig.sent_messages();
     rig.run_ms(1000);
     assert_eq!(texts(&rig.sent_messages()), ["Node 42 has restarted"]);
-    rig.send_request((1, 42), Request::ParameterRead { index: Some(0), name: String::new() });
+    rig.read_at(0);
     rig.run_ms(100);
     assert_eq!(rig.parameters()[0].1, Number::Int32(77));
     // The bus repeats a frame whose end is disturbed.
@@ -72,12 +58,12 @@ fn a_restart_within_the_first_second_of_a_node_is_detected_by_the_transfer_id() 
 #[test]
 fn infos_are_requested_again_when_the_bus_is_back() {
     let mut rig = Rig::with_node(3);
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.list(42);
     rig.run_ms(100);
     rig.node().parameters.truncate(2);
     rig.sent_messages();
     rig.bridge.bus_is_back();
-    rig.send_request((1, 42), Request::ParameterRead { index: Some(1), name: String::new() });
+    rig.read_at(1);
     rig.run_ms(100);
     let sent = rig.sent_messages();
     assert_eq!(infos(&sent).len(), 1);
@@ -143,37 +129,6 @@ fn infos_are_repeated_at_a_low_rate_and_sent_to_new_stations() {
 }
 
 #[test]
-fn the_bridge_answers_get_node_info() {
-    let mut rig = Rig::new(Vec::new());
-    rig.bridge.poll(Duration::from_secs(1));
-    assert_eq!(rig.bridge.frames[0].to_string().split_once('#').unwrap().0, "1801557E");
-    rig.bridge.frames.clear();
-    let ask = CanId::Service {
-        priority: 20,
-        service_id: 1,
-        request: true,
-        destination: BRIDGE,
-        source: NODE,
-    };
-    rig.bridge.frame(Duration::from_secs(1), &Frame::extended(ask.build(), &[0xC5]));
-    let mut assembler = Assembler::new();
-    let mut outcomes = rig.bridge.frames.iter().map(|frame| {
-        let Id::Extended(id) = frame.id else { panic!() };
-        assembler.push(id, frame.data(), Duration::ZERO)
-    });
-    let Some(Outcome::Complete(transfer)) =
-        outcomes.find(|outcome| matches!(outcome, Outcome::Complete(_)))
-    else {
-        panic!()
-    };
-    let Message::NodeInfo(info) = Message::decode(&transfer) else { panic!() };
-    assert_eq!(
-        (info.name(), transfer.transfer_id.get(), info.unique_id),
-        (NAME.into(), 5, [7; 16])
-    );
-}
-
-#[test]
 fn another_node_with_the_bridge_s_id_is_reported_and_not_listed() {
     let mut rig = Rig::new(vec![Simulated::new(126, 0)]);
     rig.run_ms(5500);
@@ -211,7 +166,7 @@ fn the_bridge_sends_no_heartbeat_for_a_component_on_a_channel() {
     // Its parameters and commands are not the node's.
     rig.command(1, command::PREFLIGHT_REBOOT_SHUTDOWN, &[1.0]);
     rig.command(1, 400, &[1.0]);
-    rig.send_request((1, 0), Request::ParameterList);
+    rig.list(0);
     rig.run_ms(100);
     let components: BTreeSet<u8> =
         rig.sent_messages().into_iter().map(|(component, _)| component).collect();

@@ -11,7 +11,6 @@ pub use mavlink::dialects::common::{
 pub use std::collections::BTreeSet;
 
 pub const BRIDGE: NodeId = NodeId::new(126).unwrap();
-pub const NODE: NodeId = NodeId::new(42).unwrap();
 pub const STATION: Asker = Asker { peer: 1, from: (255, 190), encoding: IntegerEncoding::Bytewise };
 pub const INT32: u8 = 6;
 
@@ -213,6 +212,29 @@ impl Rig {
         self.bridge.message(self.now, asker, In { from: asker.from, to, request });
     }
 
+    pub fn list(&mut self, component: u8) {
+        self.send_request((1, component), Request::ParameterList);
+    }
+
+    /// Reads a parameter of node 42.
+    pub fn read(&mut self, name: &str) {
+        self.send_request((1, 42), Request::ParameterRead { index: None, name: name.into() });
+    }
+
+    pub fn read_at(&mut self, index: u16) {
+        let name = String::new();
+        self.send_request((1, 42), Request::ParameterRead { index: Some(index), name });
+    }
+
+    /// Sets a parameter of node 42.
+    pub fn set(&mut self, name: &str, value: f32, kind: u8) {
+        self.send_request((1, 42), Request::ParameterSet { name: name.into(), value, kind });
+    }
+
+    pub fn set_integer(&mut self, name: &str, value: u32) {
+        self.set(name, f32::from_bits(value), INT32);
+    }
+
     pub fn command(&mut self, component: u8, number: u16, params: &[f32]) {
         let mut all = [0.0; 7];
         all[..params.len()].copy_from_slice(params);
@@ -252,37 +274,36 @@ impl Rig {
     }
 }
 
-pub fn infos(sent: &[(u8, Content)]) -> Vec<(u8, UAVCAN_NODE_INFO_DATA)> {
-    let info = |(component, content): &(u8, Content)| match content {
-        Content::Message(message) => match &**message {
-            MavMessage::UAVCAN_NODE_INFO(data) => Some((*component, data.clone())),
-            _ => None,
-        },
+/// What `pick` finds in messages, with their components.
+pub fn picked<T>(sent: &[(u8, Content)], pick: impl Fn(&MavMessage) -> Option<T>) -> Vec<(u8, T)> {
+    let pick = |(component, content): &(u8, Content)| match content {
+        Content::Message(message) => pick(message).map(|found| (*component, found)),
         _ => None,
     };
-    sent.iter().filter_map(info).collect()
+    sent.iter().filter_map(pick).collect()
+}
+
+pub fn infos(sent: &[(u8, Content)]) -> Vec<(u8, UAVCAN_NODE_INFO_DATA)> {
+    picked(sent, |message| match message {
+        MavMessage::UAVCAN_NODE_INFO(data) => Some(data.clone()),
+        _ => None,
+    })
 }
 
 pub fn errors(sent: &[(u8, Content)]) -> Vec<MavParamError> {
-    let error = |(_, content): &(u8, Content)| match content {
-        Content::Message(message) => match &**message {
-            MavMessage::PARAM_ERROR(data) => Some(data.error),
-            _ => None,
-        },
+    let found = picked(sent, |message| match message {
+        MavMessage::PARAM_ERROR(data) => Some(data.error),
         _ => None,
-    };
-    sent.iter().filter_map(error).collect()
+    });
+    found.into_iter().map(|(_, error)| error).collect()
 }
 
 pub fn texts(sent: &[(u8, Content)]) -> Vec<String> {
-    let text = |(_, content): &(u8, Content)| match content {
-        Content::Message(message) => match &**message {
-            MavMessage::STATUSTEXT(data) => Some(crate::message::name(&data.text)),
-            _ => None,
-        },
+    let found = picked(sent, |message| match message {
+        MavMessage::STATUSTEXT(data) => Some(crate::message::name(&data.text)),
         _ => None,
-    };
-    sent.iter().filter_map(text).collect()
+    });
+    found.into_iter().map(|(_, text)| text).collect()
 }
 
 pub const ACCEPTED: MavResult = MavResult::MAV_RESULT_ACCEPTED;

@@ -59,7 +59,7 @@ fn random_input_from_both_sides_causes_no_panic() {
     }
     rig.run_ms(20_000);
     rig.sent_messages();
-    rig.send_request((1, 42), Request::ParameterList);
+    rig.list(42);
     rig.run_ms(2000);
     assert_eq!(rig.parameters().len(), 5);
     assert!(rig.bridge.commands.is_idle());
