@@ -10,6 +10,8 @@ from dronecan.transport import Transfer
 
 from conftest import ROOT
 
+TESTS, GOLDEN = "host/dronecan/src/tests.rs", "host/dronecan/src/golden.txt"
+
 
 def command(actuator_id, command_type, value):
     return uavcan.equipment.actuator.Command(
@@ -450,8 +452,11 @@ def vector(message, source, priority, transfer_id):
 
 
 def with_joined_strings(path):
-    """The text of a Rust test, with its multi-line strings joined."""
-    return re.sub(r"\\\n\s*", "", (ROOT / path).read_text())
+    """The text of a Rust test, with its multi-line strings joined, or each line as a string."""
+    text = (ROOT / path).read_text()
+    if path.endswith(".txt"):
+        return "\n".join(f'"{line}"' for line in text.splitlines())
+    return re.sub(r"\\\n\s*", "", text)
 
 
 @pytest.mark.parametrize("make, is_request, transfer_id, expected", SERVICES)
@@ -475,7 +480,7 @@ def test_pydronecan_produces_the_quoted_requests_and_responses(
     data = expected.split(" ", 1)[1]
     assert any(
         f" {data}" in with_joined_strings(path)
-        for path in ("tests/boards/services.rs", "host/dronecan/src/tests.rs")
+        for path in ("tests/boards/services.rs", TESTS, GOLDEN)
     )
 
 
@@ -488,31 +493,31 @@ def test_pydronecan_produces_the_quoted_messages(name):
 @pytest.mark.parametrize(
     "file, name, quoted",
     [
-        ("host/dronecan/src/tests.rs", "NodeStatus", "whole"),
-        ("host/dronecan/src/tests.rs", "ArrayCommand of one", "whole"),
-        ("host/dronecan/src/tests.rs", "ArrayCommand of three", "whole"),
+        (GOLDEN, "NodeStatus", "whole"),
+        (GOLDEN, "ArrayCommand of one", "whole"),
+        (GOLDEN, "ArrayCommand of three", "whole"),
         ("tests/boards/servo.rs", "ArrayCommand of one", "data"),
-        ("host/dronecan/src/tests.rs", "LightsCommand of three", "whole"),
-        ("host/dronecan/src/tests.rs", "CanStats", "whole"),
-        ("host/dronecan/src/tests.rs", "KeyValue", "whole"),
-        ("host/dronecan/src/tests.rs", "SafetyState", "whole"),
-        ("host/dronecan/src/tests.rs", "Button", "whole"),
-        ("host/dronecan/src/tests.rs", "LogMessage", "whole"),
-        ("host/dronecan/src/tests.rs", "CircuitStatus", "whole"),
-        ("host/dronecan/src/tests.rs", "BatteryInfo", "whole"),
-        ("host/dronecan/src/tests.rs", "BatteryInfo of nothing known", "whole"),
-        ("host/dronecan/src/tests.rs", "hardpoint.Command", "whole"),
-        ("host/dronecan/src/tests.rs", "hardpoint.Command of a mask", "whole"),
-        ("host/dronecan/src/tests.rs", "hardpoint.Status", "whole"),
+        (GOLDEN, "LightsCommand of three", "whole"),
+        (GOLDEN, "CanStats", "whole"),
+        (GOLDEN, "KeyValue", "whole"),
+        (GOLDEN, "SafetyState", "whole"),
+        (GOLDEN, "Button", "whole"),
+        (GOLDEN, "LogMessage", "whole"),
+        (GOLDEN, "CircuitStatus", "whole"),
+        (TESTS, "BatteryInfo", "whole"),
+        (GOLDEN, "BatteryInfo of nothing known", "whole"),
+        (GOLDEN, "hardpoint.Command", "whole"),
+        (GOLDEN, "hardpoint.Command of a mask", "whole"),
+        (GOLDEN, "hardpoint.Status", "whole"),
         ("src/node/tests/relays.rs", "hardpoint.Command", "whole"),
-        ("host/dronecan/src/tests.rs", "RPM of 6,000", "whole"),
-        ("host/dronecan/src/tests.rs", "RPM of 60,000", "whole"),
-        ("host/dronecan/src/tests.rs", "RPM of 61.75", "whole"),
-        ("host/dronecan/src/tests.rs", "RPM that is unhealthy", "whole"),
-        ("host/dronecan/src/tests.rs", "RawCommand of none", "whole"),
-        ("host/dronecan/src/tests.rs", "RawCommand of four", "whole"),
-        ("host/dronecan/src/tests.rs", "RawCommand of eight", "whole"),
-        ("host/dronecan/src/tests.rs", "RawCommand of twenty", "whole"),
+        (GOLDEN, "RPM of 6,000", "whole"),
+        (GOLDEN, "RPM of 60,000", "whole"),
+        (GOLDEN, "RPM of 61.75", "whole"),
+        (GOLDEN, "RPM that is unhealthy", "whole"),
+        (GOLDEN, "RawCommand of none", "whole"),
+        (GOLDEN, "RawCommand of four", "whole"),
+        (GOLDEN, "RawCommand of eight", "whole"),
+        (GOLDEN, "RawCommand of twenty", "whole"),
         ("tests/boards/long_commands.rs", "ArrayCommand of fifteen", "whole"),
         ("tests/boards/long_commands.rs", "ArrayCommand of eight", "whole"),
         ("tests/boards/long_commands.rs", "ArrayCommand with one ID twice", "whole"),
