@@ -3,14 +3,6 @@
 use super::*;
 
 #[test]
-fn a_command_in_one_frame_is_decoded() {
-    let transfer = Rig::new().text("1003F20A 01 00 00 38 C7").unwrap();
-    assert_eq!((transfer.kind, transfer.source, transfer.priority), (Kind::ArrayCommand, 10, 16));
-    assert_eq!((transfer.transfer_id(), transfer.payload()), (7, &[1, 0, 0, 0x38][..]));
-    assert_eq!(entry(Some(transfer)), Some((0, 0x3800)));
-}
-
-#[test]
 fn a_command_in_several_frames_gives_the_entry_for_this_actuator_wherever_it_is() {
     for (actuator, expected) in
         [(1, Some((0, 0x3800))), (2, Some((0, 0xBC00))), (3, Some((4, 0x65DC))), (4, None)]
@@ -20,29 +12,6 @@ fn a_command_in_several_frames_gives_the_entry_for_this_actuator_wherever_it_is(
         assert_eq!(transfer.payload().first().copied(), expected.map(|_| actuator));
         assert_eq!(transfer.transfer_id(), 8);
     }
-}
-
-#[test]
-fn the_longest_command_has_an_entry_for_each_of_fifteen_actuators() {
-    // 1100, 1200, ... 2500 us.
-    let frames = frames(
-        "1003F20A 49 48 01 04 4C 64 02 8A | 04 B0 64 03 04 14 65 2A | 04 04 78 65 05 04 DC 0A | \
-         65 06 04 40 66 07 04 2A | A4 66 08 04 08 67 09 0A | 04 6C 67 0A 04 D0 67 2A | 0B 04 1A \
-         68 0C 04 4C 0A | 68 0D 04 7E 68 0E 04 2A | B0 68 0F 04 E2 68 4A",
-    );
-    assert_eq!(frames.len(), 9);
-    for actuator in 1..=15 {
-        let done = Rig::for_actuator(actuator).all(&frames);
-        let width = crate::float16::from_fixed(1000 + 100 * u16::from(actuator), 0);
-        assert_eq!(entry(done), Some((4, width)));
-    }
-}
-
-#[test]
-fn the_last_of_several_entries_for_this_actuator_is_used() {
-    // (1, unitless, 0.5), (1, unitless, -0.5)
-    let transfer = Rig::new().text("1003F20A CB 0C 01 00 00 38 01 8B | 00 00 B8 6B");
-    assert_eq!(entry(transfer), Some((0, 0xB800)));
 }
 
 #[test]
@@ -60,36 +29,6 @@ fn a_list_has_at_most_the_entries_of_its_type() {
     let mut rig = Rig::for_actuator(1);
     assert_eq!(rig.all(&command(10, 0, &entries)), None);
     assert_eq!(rig.rejection, Some(Rejection::Length));
-}
-
-#[test]
-fn by_default_a_type_is_no_list() {
-    #[derive(Clone, Copy, PartialEq, Eq)]
-    struct Plain;
-
-    impl Received for Plain {
-        const UNKNOWN: Self = Self;
-        fn of_message(_: u16) -> Self {
-            Self
-        }
-        fn of_request(_: u8) -> Self {
-            Self
-        }
-        fn of_anonymous(_: u8, _: u8) -> Self {
-            Self
-        }
-        fn is_request(self) -> bool {
-            false
-        }
-        fn is_multi_frame(self) -> bool {
-            false
-        }
-        fn seed(self) -> u16 {
-            0
-        }
-    }
-
-    assert_eq!((Plain.entry_len(), Plain.most_entries(), Plain.left_out(&[0; 27])), (0, 255, 0));
 }
 
 #[test]
@@ -112,49 +51,13 @@ fn a_list_that_ends_within_an_entry_is_rejected() {
 }
 
 #[test]
-fn a_light_is_found_among_others() {
-    let mut rig = Rig::new();
-    assert_eq!(
-        entry(rig.text("1804390A 05 F8 00 C0")).map(|(high, low)| (high, low as u8)),
-        Some((0xF8, 0))
-    );
-    // (7, blue), (0, half green), (8, white)
-    let lights = frames("1804390A 68 6B 07 00 1F 00 05 82 | 40 08 FF FF 62");
-    for (light, expected) in
-        [(7, Some((0x00, 0x1F))), (0, Some((0x05, 0x40))), (8, Some((0xFF, 0xFF))), (5, None)]
-    {
-        let mut rig = Rig { light, ..Rig::new() };
-        assert!(rig.frame(&lights[0]).is_none());
-        let transfer = rig.frame(&lights[1]);
-        assert_eq!(entry(transfer).map(|(high, low)| (high, low as u8)), expected, "light {light}");
-    }
-}
-
-#[test]
-fn a_request_of_several_frames_is_kept_in_full() {
-    let transfer = Rig::new().text(SET).unwrap();
-    assert_eq!((transfer.kind, transfer.source, transfer.priority), (Kind::GetSet, 127, 30));
-    assert_eq!((transfer.transfer_id(), transfer.len), (1, 18));
-    assert_eq!(
-        transfer.payload(),
-        golden::bytes("00 01 2A 00 00 00 00 00 00 00 43 41 4E 5F 4E 4F 44 45")
-    );
-}
-
-#[test]
-fn an_allocation_of_several_frames_is_a_message() {
-    let transfer = Rig::new()
-        .text("1E00017F 58 5D 00 00 01 02 03 81 | 04 05 06 07 08 09 0A 21 | 0B 41")
-        .unwrap();
-    assert_eq!((transfer.kind, transfer.len), (Kind::Allocation, 13));
-}
-
-#[test]
 fn a_request_longer_than_what_is_kept_still_counts_its_bytes_and_checks_its_crc() {
     for len in [KEPT - 1, KEPT, KEPT + 1, 202, 224, 255, 256, 400] {
         let payload: Vec<u8> = (0..len).map(|n| (n * 7 + 1) as u8).collect();
-        let good = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 0, &payload);
+        let good = golden::transfer(0x1E28_F8FF, golden::BEGIN_FIRMWARE_UPDATE, 5, &payload);
         let transfer = Rig::new().all(&good).unwrap();
+        assert_eq!((transfer.kind, transfer.source), (Kind::BeginFirmwareUpdate, 127));
+        assert_eq!((transfer.priority, transfer.transfer_id()), (30, 5));
         assert_eq!(usize::from(transfer.len()), len.min(255));
         assert!(transfer.bytes().starts_with(transfer.payload()));
         assert_eq!(transfer.payload(), &payload[..len.min(KEPT)]);
@@ -229,36 +132,38 @@ fn a_list_has_no_entry_of_the_frames_before_its_slots_got_other_ids() {
     }
 }
 
-/// A node with a lane for each type and sender, which takes entries whole and leaves the text of a
-/// GetSet out.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Each(Kind);
+/// A node that takes entries whole and leaves the text of a GetSet out.
+#[derive(Clone, Copy, PartialEq, Eq)]
+struct IsGetSet(bool);
 
-impl Received for Each {
-    const UNKNOWN: Self = Self(Kind::Unknown);
-    const LANE_FOR_EACH_TYPE: bool = true;
+impl Received for IsGetSet {
+    const UNKNOWN: Self = Self(false);
     const TAKES_ENTRIES: bool = true;
-    fn of_message(data_type: u16) -> Self {
-        Self(Kind::of_message(data_type))
+    fn of_message(_: u16) -> Self {
+        Self(false)
     }
-    fn of_request(service: u8) -> Self {
-        Self(Kind::of_request(service))
+    fn of_request(_: u8) -> Self {
+        Self(true)
     }
     fn is_request(self) -> bool {
-        self.0.is_request()
+        true
     }
     fn is_multi_frame(self) -> bool {
-        self.0.is_multi_frame()
-    }
-    fn entry_len(self) -> u8 {
-        self.0.entry_len()
+        true
     }
     fn left_out(self, head: &[u8]) -> u8 {
-        if self.0 == Kind::GetSet && head[1] & 7 == 4 { head[2] } else { 0 }
+        if head[1] & 7 == 4 { head[2] } else { 0 }
     }
     fn seed(self) -> u16 {
-        self.0.seed()
+        types::GET_SET.seed
     }
+}
+
+#[test]
+fn by_default_a_type_is_no_list_and_nothing_is_left_out() {
+    let kind = IsGetSet(true);
+    assert_eq!((kind.entry_len(), kind.most_entries()), (0, 255), "the length of no entry");
+    assert_eq!(Kind::GetSet.left_out(&[4; KEPT]), 0);
 }
 
 #[test]
@@ -269,14 +174,13 @@ fn what_is_left_out_takes_no_place() {
             let whole = [&[1, 4, len], text.as_slice(), name.as_bytes()].concat();
             for end in [whole.len(), whole.len() - name.len(), 2 + usize::from(len)] {
                 let payload = &whole[..end];
-                let mut receiver = Receiver::<Each, 1, 1, KEPT>::new();
-                let mut last: Option<(Option<Vec<u8>>, bool)> = None;
+                let mut receiver = Receiver::<IsGetSet, 1, 1, KEPT>::new();
+                let mut found = None;
                 for frame in golden::transfer(0x1E0B_F8FF, golden::GET_SET, 0, payload) {
                     let id = Id::from_bytes(frame.id.to_be_bytes());
                     let segment = Segment::read(id, &frame.data, ME).unwrap();
                     if let Verdict::Request(transfer) = receiver.accept(segment, ACTUATOR, 0) {
-                        let kept = transfer.payload_from(0).map(<[u8]>::to_vec);
-                        last = Some((kept, transfer.is_too_short()));
+                        found = Some((transfer.payload().to_vec(), transfer.is_too_short()));
                     }
                 }
                 let is_too_short = end == 2 + usize::from(len) && len != 0;
@@ -284,7 +188,7 @@ fn what_is_left_out_takes_no_place() {
                     Some(_) => [&payload[..3], &payload[3 + usize::from(len)..]].concat(),
                     None => payload[..end.min(3)].to_vec(),
                 };
-                assert_eq!(last, Some((Some(kept), is_too_short)), "{len} {name} {end}");
+                assert_eq!(found, Some((kept, is_too_short)), "{len} {name} {end}");
             }
         }
     }
