@@ -33,6 +33,11 @@ fn status(mode: Mode) -> Transfer {
     transfer(CanId::Message { priority: 20, type_id: 341, source: id(120) }, payload)
 }
 
+/// Gives a transfer to the session, which has heard no other node.
+fn take(session: &mut Session, transfer: &Transfer, now: f32) -> Option<Vec<u8>> {
+    session.take(transfer, seconds(now), &Heard::default())
+}
+
 fn read(session: &mut Session, offset: u16) -> Vec<u8> {
     read_at(session, offset, 2.0)
 }
@@ -40,13 +45,20 @@ fn read(session: &mut Session, offset: u16) -> Vec<u8> {
 fn read_at(session: &mut Session, offset: u16, now: f32) -> Vec<u8> {
     let [low, high] = offset.to_le_bytes();
     let request = [&[low, high, 0, 0, 0][..], b"fw.bin"].concat();
-    session.take(&service(48, true, request), seconds(now), &Heard::default()).unwrap()
+    take(session, &service(48, true, request), now).unwrap()
 }
 
 fn begin(session: &mut Session, number: u8, text: &[u8]) {
     assert!(matches!(session.poll(Duration::ZERO), Some(Action::Request(Message::BeginUpdate(_)))));
     let response = NumberAndText { number, text: text.to_vec() }.encode();
-    assert_eq!(session.take(&service(40, false, response), seconds(0.1), &Heard::default()), None);
+    assert_eq!(take(session, &service(40, false, response), 0.1), None);
+}
+
+/// A session whose BeginFirmwareUpdate was answered with this number.
+fn begun(file: &FirmwareFile, number: u8) -> Session {
+    let mut session = session(file);
+    begin(&mut session, number, b"");
+    session
 }
 
 #[track_caller]
@@ -55,30 +67,6 @@ fn failed(session: &mut Session, now: f32, text: &str) {
         Some(Action::End(Outcome::Failed(why))) => assert!(why.contains(text), "{why}"),
         other => panic!("{other:?}"),
     }
-}
-
-#[test]
-fn a_node_that_reads_the_file_and_runs_it_is_updated() {
-    let file = file_of(600);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_OK, b"");
-    session.take(&status(Mode::Operational), seconds(0.2), &Heard::default());
-    let answers: Vec<_> = [0, 256, 512].map(|offset| read(&mut session, offset)).to_vec();
-    assert_eq!(answers.iter().map(Vec::len).collect::<Vec<_>>(), [258, 258, 90]);
-    assert_eq!(
-        answers.iter().flat_map(|answer| &answer[2..]).copied().collect::<Vec<_>>(),
-        file.bytes
-    );
-    assert_eq!((session.sent(), session.stage()), (600, "restarting"));
-    read(&mut session, 0);
-    session.take(&status(Mode::SoftwareUpdate), seconds(2.5), &Heard::default());
-    assert_eq!(session.poll(seconds(2.6)), None);
-    session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
-    assert_eq!(session.poll(seconds(3.0)), Some(Action::Request(Message::NodeInfoRequest)));
-    let info: NodeInfo = NodeInfo { software: (1, 3), ..NodeInfo::default() };
-    session.take(&service(1, false, info.encode()), seconds(3.5), &Heard::default());
-    let text = "runs version 1.3, before 1.2; 3.5 s".to_owned();
-    assert_eq!(session.poll(seconds(3.5)), Some(Action::End(Outcome::Updated(text))));
 }
 
 #[test]
@@ -98,8 +86,7 @@ fn a_rejection_is_reported_with_its_reason_or_with_what_to_do() {
 #[test]
 fn a_node_that_is_silent_after_all_of_the_file_is_not_said_to_have_stopped_reading() {
     let file = file_of(200);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_OK, b"");
+    let mut session = begun(&file, ERROR_OK);
     read(&mut session, 0);
     failed(&mut session, 50.0, "has read all of the file and is silent since");
 }
@@ -127,7 +114,7 @@ fn tell(session: &mut Session, now: f32, mode: Mode, software: (u8, u8), crc: Op
     assert_eq!(session.poll(seconds(now)), Some(Action::Request(Message::NodeInfoRequest)));
     let status = NodeStatus { mode, ..NodeStatus::default() };
     let info: NodeInfo = NodeInfo { status, software, image_crc: crc, ..NodeInfo::default() };
-    session.take(&service(1, false, info.encode()), seconds(now), &Heard::default());
+    take(session, &service(1, false, info.encode()), now);
 }
 
 /// What the node says after it has read all of the file, or has not, and how the update ends.
@@ -147,13 +134,12 @@ fn the_mode_the_version_and_the_crc_of_the_node_decide() {
         (&with_crc, ALL, Operational, (1, 3), Some(1), "runs another program of version 1.3"),
         (&with_crc, ALL, Operational, (1, 3), None, "runs another program of version 1.3"),
     ] {
-        let mut session = session(file);
-        begin(&mut session, ERROR_OK, b"");
+        let mut session = begun(file, ERROR_OK);
         for offset in reads {
             read(&mut session, *offset);
         }
         for now in [3.0, 4.0] {
-            session.take(&status(mode), seconds(now), &Heard::default());
+            take(&mut session, &status(mode), now);
         }
         tell(&mut session, 4.0, mode, software, crc);
         if failure.is_empty() {
@@ -168,14 +154,13 @@ fn the_mode_the_version_and_the_crc_of_the_node_decide() {
 #[test]
 fn one_status_of_a_waiting_bootloader_before_the_restart_is_no_failure() {
     let file = file_with_crc(300, 0x1234);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_OK, b"");
+    let mut session = begun(&file, ERROR_OK);
     for offset in [0, 256, 0] {
         read(&mut session, offset);
     }
-    session.take(&status(Mode::Maintenance), seconds(2.1), &Heard::default());
+    take(&mut session, &status(Mode::Maintenance), 2.1);
     assert_eq!(session.poll(seconds(2.1)), None);
-    session.take(&status(Mode::Operational), seconds(2.5), &Heard::default());
+    take(&mut session, &status(Mode::Operational), 2.5);
     tell(&mut session, 2.5, Mode::Operational, (1, 3), Some(0x1234));
     assert!(matches!(session.poll(seconds(2.6)), Some(Action::End(Outcome::Updated(_)))));
 }
@@ -185,12 +170,11 @@ fn one_status_of_a_waiting_bootloader_before_the_restart_is_no_failure() {
 fn an_update_that_was_broken_off_continues_and_the_node_s_crc_decides() {
     let file = file_with_crc(600, 0x1234);
     for (crc, is_updated) in [(0x1234, true), (1, false)] {
-        let mut session = session(&file);
-        begin(&mut session, ERROR_IN_PROGRESS, b"");
+        let mut session = begun(&file, ERROR_IN_PROGRESS);
         read(&mut session, 512);
         assert_eq!((session.sent(), session.stage()), (600, "restarting"));
         read(&mut session, 0);
-        session.take(&status(Mode::Operational), seconds(3.0), &Heard::default());
+        take(&mut session, &status(Mode::Operational), 3.0);
         tell(&mut session, 3.0, Mode::Operational, (1, 3), Some(crc));
         let next = session.poll(seconds(3.1));
         if is_updated {
@@ -205,13 +189,12 @@ fn an_update_that_was_broken_off_continues_and_the_node_s_crc_decides() {
 #[test]
 fn a_continued_update_that_gives_no_program_begins_again() {
     let file = file_with_crc(600, 0x1234);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_IN_PROGRESS, b"");
+    let mut session = begun(&file, ERROR_IN_PROGRESS);
     for offset in [512, 0] {
         read(&mut session, offset);
     }
     for now in [3.0, 4.0] {
-        session.take(&status(Mode::Maintenance), seconds(now), &Heard::default());
+        take(&mut session, &status(Mode::Maintenance), now);
     }
     tell(&mut session, 4.0, Mode::Maintenance, (0, 0), None);
     let next = session.poll(seconds(4.1));
@@ -222,19 +205,14 @@ fn a_continued_update_that_gives_no_program_begins_again() {
 #[test]
 fn a_node_that_reads_from_another_node_is_in_another_update_if_that_is_on_the_bus() {
     let file = file_of(600);
-    let to_126 = CanId::Service {
-        priority: 16,
-        service_id: 48,
-        request: true,
-        destination: id(126),
-        source: id(120),
-    };
-    let request = transfer(to_126, [&[0; 5][..], b"fw.bin"].concat());
+    let mut request = service(48, true, [&[0; 5][..], b"fw.bin"].concat());
+    if let CanId::Service { destination, .. } = &mut request.id {
+        *destination = id(126);
+    }
     let mut heard = Heard::default();
     heard.note(id(126), seconds(0.5));
     for (now, is_there) in [(1.0, true), (3.0, false)] {
-        let mut session = session(&file);
-        begin(&mut session, ERROR_IN_PROGRESS, b"");
+        let mut session = begun(&file, ERROR_IN_PROGRESS);
         assert_eq!(session.take(&request, seconds(now), &heard), None);
         if is_there {
             failed(&mut session, now, "another update is under way: node 126 sends a file");
@@ -248,10 +226,9 @@ fn a_node_that_reads_from_another_node_is_in_another_update_if_that_is_on_the_bu
 #[test]
 fn an_update_of_a_silent_node_fails_after_the_bootloader_s_timeout() {
     let file = file_of(600);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_IN_PROGRESS, b"");
+    let mut session = begun(&file, ERROR_IN_PROGRESS);
     read(&mut session, 0);
-    session.take(&status(Mode::SoftwareUpdate), seconds(10.0), &Heard::default());
+    take(&mut session, &status(Mode::SoftwareUpdate), 10.0);
     assert_eq!(session.poll(seconds(54.0)), None);
     failed(&mut session, 56.0, "silent");
 }
@@ -260,8 +237,7 @@ fn an_update_of_a_silent_node_fails_after_the_bootloader_s_timeout() {
 fn a_node_that_reads_the_same_part_for_ever_fails() {
     let file = file_of(600);
     for parts in [1, 3] {
-        let mut session = session(&file);
-        begin(&mut session, ERROR_OK, b"");
+        let mut session = begun(&file, ERROR_OK);
         for part in 0..parts {
             read(&mut session, part * 256);
         }
@@ -280,27 +256,13 @@ fn a_node_that_reads_the_same_part_for_ever_fails() {
 #[test]
 fn requests_of_other_nodes_or_for_other_files_are_not_answered() {
     let file = file_of(300);
-    let mut session = session(&file);
-    begin(&mut session, ERROR_OK, b"");
+    let mut session = begun(&file, ERROR_OK);
     let request = [&[0; 5][..], b"other.bin"].concat();
-    assert_eq!(
-        session.take(&service(48, true, request), seconds(1.0), &Heard::default()),
-        Some(vec![2, 0])
-    );
-    let other = CanId::Service {
-        priority: 16,
-        service_id: 48,
-        request: true,
-        destination: id(125),
-        source: id(121),
-    };
-    assert_eq!(
-        session.take(
-            &transfer(other, [&[0; 5][..], b"fw.bin"].concat()),
-            seconds(1.0),
-            &Heard::default()
-        ),
-        None
-    );
+    assert_eq!(take(&mut session, &service(48, true, request), 1.0), Some(vec![2, 0]));
+    let mut other = service(48, true, [&[0; 5][..], b"fw.bin"].concat());
+    if let CanId::Service { source, .. } = &mut other.id {
+        *source = id(121);
+    }
+    assert_eq!(take(&mut session, &other, 1.0), None);
     assert_eq!(session.sent(), 0);
 }
