@@ -257,68 +257,35 @@ mod tests {
         bytes.iter().filter_map(|byte| lines.push(*byte)).collect()
     }
 
+    /// As pydronecan and python-can send them; in both cases of hexadecimal digits, and with line
+    /// feeds.
     #[test]
-    fn commands_of_pydronecan_are_parsed() {
+    fn commands_are_parsed() {
         let frame = Frame::extended(0x1404_562A, &[0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
-        assert_eq!(
-            commands(b"\rC\rS8\rO\rF\rT1404562A60100a95c00c0\r"),
-            [
-                Ok(Command::Nothing),
-                Ok(Command::Close),
-                Ok(Command::BitRate(1_000_000)),
-                Ok(Command::Open),
-                Ok(Command::Flags),
-                Ok(Command::Send(frame)),
-            ]
-        );
-    }
-
-    #[test]
-    fn commands_of_python_can_are_parsed() {
-        let expected = [
-            Ok(Command::Version),
-            Ok(Command::SerialNumber),
-            Ok(Command::Send(Frame::extended(0x1E01_AAF8, &[0xC0]))),
-            Ok(Command::Send(Frame::standard(0x123, &[1, 2, 3]))),
-            Ok(Command::Send(Frame::remote(Id::Standard(0x123), 3))),
-        ];
-        assert_eq!(commands(b"V\rN\rT1E01AAF81C0\rt1233010203\rr1233\r"), expected);
-    }
-
-    #[test]
-    fn both_hex_cases_and_line_feeds_are_accepted() {
-        let frame = Ok(Command::Send(Frame::extended(0x1ABC_DEF0, &[0xAB])));
-        assert_eq!(commands(b"T1ABCDEF01AB\r\nT1abcdef01ab\r\n"), [frame, frame]);
+        let letters = Command::Send(Frame::extended(0x1ABC_DEF0, &[0xAB]));
+        for (line, command) in [
+            (&b"\r"[..], Command::Nothing),
+            (b"C\r", Command::Close),
+            (b"S8\r", Command::BitRate(1_000_000)),
+            (b"O\r", Command::Open),
+            (b"F\r", Command::Flags),
+            (b"V\r", Command::Version),
+            (b"N\r", Command::SerialNumber),
+            (b"T1404562A60100a95c00c0\r", Command::Send(frame)),
+            (b"t1233010203\r", Command::Send(Frame::standard(0x123, &[1, 2, 3]))),
+            (b"r1233\r", Command::Send(Frame::remote(Id::Standard(0x123), 3))),
+            (b"T1ABCDEF01AB\r\n", letters),
+            (b"\nT1abcdef01ab\r\n", letters),
+        ] {
+            assert_eq!(commands(line), [Ok(command)], "{}", line.escape_ascii());
+        }
     }
 
     #[test]
     fn an_invalid_command_is_an_error() {
-        let wrong: [&[u8]; 23] = [
-            b"S9",
-            b"S",
-            b"S88",
-            b"s0014",
-            b"OO",
-            b"o",
-            b"X0",
-            b"?",
-            b"\x07",
-            b"\xFF\x00",
-            b"t800100",
-            b"T2000000000",
-            b"t12",
-            b"t1239",
-            b"t1231",
-            b"t123101FF",
-            b"t1231G0",
-            b"t+231FF",
-            b"T1404562A8",
-            b"r123300",
-            b"M00000001",
-            b"m00000000",
-            b"d12380011223344556677",
-        ];
-        for text in wrong {
+        let wrong = b"S9 S S88 s0014 OO o X0 ? \x07 \xFF\x00 t800100 T2000000000 t12 t1239 t1231 \
+            t123101FF t1231G0 t+231FF T1404562A8 r123300 M00000001 m00000000 d12380011223344556677";
+        for text in wrong.split(|byte| *byte == b' ') {
             let line = [text, b"\r"].concat();
             assert_eq!(commands(&line), [Err(())], "{}", text.escape_ascii());
         }
