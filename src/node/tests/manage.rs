@@ -163,25 +163,6 @@ fn a_save_that_the_eeprom_does_not_keep_fails_and_the_next_one_writes() {
     assert_eq!(rig.program.node.parameters.get(OutputParameter::Timeout.of(0)), 77);
 }
 
-#[cfg(feature = "stats")]
-#[test]
-fn transport_stats_count_transfers_and_frames() {
-    let mut rig = Rig::with(&rates(0, 0, 0));
-    rig.can.counters.0 = [0x1234, 1, 9, 9, 9, 9, 9, 0x5678, 2, 9, 0x9ABC, 9, 3];
-    rig.run(1);
-    rig.command(1500.0);
-    for _ in 0..3 {
-        rig.text("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 64 68");
-    }
-    // One transfer sent, two received including this request, three broken.
-    assert_eq!(
-        rig.ask("1E04F8FF C5"),
-        "1E047FF8 FE 5C 01 00 00 00 00 85 | 00 02 00 00 00 00 00 25 | 03 00 00 00 00 00 34 05 | \
-         12 01 00 00 00 78 56 25 | 02 00 00 \
-         00 BC 9A 03 05 | 00 00 00 65"
-    );
-}
-
 const RESTART: &str = "1E05F8FF 1E 1B 55 CE AC C6";
 
 /// The controller has no room for the reply, or has it and does not send it for a time.
