@@ -15,27 +15,37 @@ const ME: u8 = 120;
 const ACTUATOR: u8 = 1;
 const KEPT: usize = 27;
 
-/// The data types that the node of these tests receives.
+/// The lists that the node of these tests receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Kind {
+enum List {
     Unknown,
     ArrayCommand,
     LightsCommand,
 }
 
-impl Received for Kind {
-    const UNKNOWN: Self = Self::Unknown;
+/// The type of a list. With `EACH` a node has a lane for each type and sender, and takes entries
+/// whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Kind<const EACH: bool>(List);
+
+type Shared = Kind<false>;
+type Each = Kind<true>;
+
+impl<const EACH: bool> Received for Kind<EACH> {
+    const UNKNOWN: Self = Self(List::Unknown);
+    const LANE_FOR_EACH_TYPE: bool = EACH;
+    const TAKES_ENTRIES: bool = EACH;
 
     fn of_message(data_type: u16) -> Self {
-        match data_type {
-            id if id == types::ARRAY_COMMAND.id => Self::ArrayCommand,
-            id if id == types::LIGHTS_COMMAND.id => Self::LightsCommand,
-            _ => Self::Unknown,
-        }
+        Self(match data_type {
+            id if id == types::ARRAY_COMMAND.id => List::ArrayCommand,
+            id if id == types::LIGHTS_COMMAND.id => List::LightsCommand,
+            _ => List::Unknown,
+        })
     }
 
     fn of_request(_: u8) -> Self {
-        Self::Unknown
+        Self::UNKNOWN
     }
 
     fn is_request(self) -> bool {
@@ -43,55 +53,23 @@ impl Received for Kind {
     }
 
     fn is_multi_frame(self) -> bool {
-        self != Self::Unknown
+        self != Self::UNKNOWN
     }
 
     fn entry_len(self) -> u8 {
-        if self == Self::LightsCommand { 3 } else { 4 }
-    }
-
-    fn most_entries(self) -> u8 {
-        if self == Self::LightsCommand { 20 } else { 15 }
+        if self.0 == List::LightsCommand { 3 } else { 4 }
     }
 
     fn seed(self) -> u16 {
-        match self {
-            Self::LightsCommand => types::LIGHTS_COMMAND.seed,
+        match self.0 {
+            List::LightsCommand => types::LIGHTS_COMMAND.seed,
             _ => types::ARRAY_COMMAND.seed,
         }
     }
 }
 
-/// A node with a lane for each type and sender, which takes entries whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Each(Kind);
-
-impl Received for Each {
-    const UNKNOWN: Self = Self(Kind::Unknown);
-    const LANE_FOR_EACH_TYPE: bool = true;
-    const TAKES_ENTRIES: bool = true;
-    fn of_message(data_type: u16) -> Self {
-        Self(Kind::of_message(data_type))
-    }
-    fn of_request(service: u8) -> Self {
-        Self(Kind::of_request(service))
-    }
-    fn is_request(self) -> bool {
-        self.0.is_request()
-    }
-    fn is_multi_frame(self) -> bool {
-        self.0.is_multi_frame()
-    }
-    fn entry_len(self) -> u8 {
-        self.0.entry_len()
-    }
-    fn seed(self) -> u16 {
-        self.0.seed()
-    }
-}
-
 type Many<K, const LANES: usize> = Receiver<K, LANES, LANES, KEPT, Trust>;
-type Transfer = dronecan_wire::Transfer<Kind, KEPT>;
+type Transfer = dronecan_wire::Transfer<Shared, KEPT>;
 
 fn receiver<K: Received, const LANES: usize>() -> Many<K, LANES> {
     Receiver::with_policy(Trust::NONE)
@@ -105,7 +83,7 @@ fn read<K: Received>(frame: &Frame) -> Segment<'_, K> {
 
 /// A receiver with one lane, and the rejection that the last frame caused.
 struct Rig {
-    receiver: Many<Kind, 1>,
+    receiver: Many<Shared, 1>,
     now_ms: u16,
     rejection: Option<Rejection>,
 }
@@ -143,13 +121,6 @@ impl Rig {
         }
         self.frame(last)
     }
-}
-
-/// Type and value of the command in the transfer.
-fn entry(transfer: Option<Transfer>) -> Option<(u8, u16)> {
-    let transfer = transfer.filter(|transfer| transfer.len() != 0)?;
-    let &[_, kind, low, high, ..] = transfer.bytes();
-    Some((kind, u16::from_le_bytes([low, high])))
 }
 
 fn command(source: u32, transfer_id: u8, entries: &[(u8, u8, u16)]) -> Vec<Frame> {

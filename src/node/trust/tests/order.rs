@@ -80,7 +80,7 @@ fn a_sender_precedes_two_others_soon() {
 /// Each attacker sends, before the commander's first frame and in each gap of its list, a list of
 /// two frames with an entry for the node, and the first frame of another.
 fn is_received<const LANES: usize>(
-    receiver: &mut Many<Kind, LANES>,
+    receiver: &mut Many<Shared, LANES>,
     attackers: &[u8],
     now_ms: u16,
 ) -> bool {
@@ -103,7 +103,7 @@ fn is_received<const LANES: usize>(
 /// The commander begins after the attackers. Returns in how many of 3,000 lists at 50 Hz it
 /// precedes them, how many are received, and the longest row of those that are not.
 fn attack<const LANES: usize>(attackers: &[u8]) -> (usize, usize, usize) {
-    let mut receiver = receiver::<Kind, LANES>();
+    let mut receiver = receiver::<Shared, LANES>();
     let (mut precede, mut received) = (0, Vec::new());
     is_received(&mut receiver, attackers, u16::MAX);
     receiver.policy_mut().lost(COMMANDER);
