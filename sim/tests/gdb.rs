@@ -6,7 +6,8 @@ use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::avr::MS;
+use crate::avr::{MS, compile_to};
+use crate::links::Scratch;
 use bench::Bench;
 use bench::avr::Avr;
 use bench::board::Board;
@@ -20,29 +21,21 @@ struct Setup {
     bench: Bench,
     gdb: Gdb,
     elf: PathBuf,
-    directory: PathBuf,
+    scratch: Scratch,
 }
 
 impl Setup {
     /// Two boards with the program debug.c. avr-gdb can attach to the first.
-    fn new(name: &str) -> Setup {
-        let directory = std::env::temp_dir().join(format!("sim-gdb-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&directory).expect("a temporary directory");
-        let elf = directory.join("debug.elf");
-        let compiled = Command::new("avr-gcc")
-            .args(["-mmcu=atmega168", "-g", "-Og", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
-            .arg(bench::root().join("sim/bench/tests/avr/debug.c"))
-            .arg("-o")
-            .arg(&elf)
-            .status()
-            .expect("avr-gcc, which the Makefile installs");
-        assert!(compiled.success());
+    fn new() -> Setup {
+        let scratch = Scratch::new();
+        let elf = scratch.path("debug.elf");
+        compile_to(&elf, "atmega168", "debug", &[], &["-g", "-Og"]);
         let mut bench = Bench::new(1_000_000);
         for name in ["debugged", "other"] {
             bench.add_board(Board::new(Avr::load(&elf).expect("a program that loads")), name);
         }
         let gdb = Gdb::open(0, &mut bench, 0).expect("a free port");
-        Setup { bench, gdb, elf, directory }
+        Setup { bench, gdb, elf, scratch }
     }
 
     /// Starts avr-gdb, which attaches and executes the commands, with semicolons between them.
@@ -82,6 +75,10 @@ impl Setup {
         self.gdb.serve(&mut self.bench).expect("the link is served");
     }
 
+    fn turns(&mut self, count: usize) {
+        (0..count).for_each(|_| self.turn());
+    }
+
     fn turn_until(&mut self, condition: impl Fn(&Setup) -> bool) {
         let start = Instant::now();
         while !condition(self) {
@@ -99,12 +96,6 @@ impl Setup {
     }
 }
 
-impl Drop for Setup {
-    fn drop(&mut self) {
-        std::fs::remove_dir_all(&self.directory).expect("the temporary directory removed");
-    }
-}
-
 #[track_caller]
 fn assert_in_order(text: &str, parts: &str) {
     let mut rest = text;
@@ -119,10 +110,8 @@ fn assert_in_order(text: &str, parts: &str) {
 /// The first instructions of a program can be debugged, whenever avr-gdb comes.
 #[test]
 fn the_board_is_halted_at_its_reset_until_a_debugger_comes() {
-    let mut setup = Setup::new("reset");
-    for _ in 0..20 {
-        setup.turn();
-    }
+    let mut setup = Setup::new();
+    setup.turns(20);
     assert_eq!(setup.bench.now(), 0);
     assert!(setup.gdb.status().contains("halted at reset, waits"), "{}", setup.gdb.status());
     let text = setup.debug("print $pc; stepi; detach");
@@ -132,7 +121,7 @@ fn the_board_is_halted_at_its_reset_until_a_debugger_comes() {
 
 #[test]
 fn a_breakpoint_shows_arguments_variables_and_callers() {
-    let mut setup = Setup::new("breakpoint");
+    let mut setup = Setup::new();
     let text = setup.debug(
         "break inner; continue; backtrace; print rounds; continue; print rounds; finish; \
          info breakpoints; delete; detach",
@@ -148,7 +137,7 @@ fn a_breakpoint_shows_arguments_variables_and_callers() {
 
 #[test]
 fn avr_gdb_steps_by_instruction_and_by_line() {
-    let mut setup = Setup::new("step");
+    let mut setup = Setup::new();
     let text = setup.debug(
         "hbreak outer; continue; print/x $pc; stepi; print $pc != &outer; step; step; step; \
          print rounds; kill",
@@ -162,7 +151,7 @@ fn avr_gdb_steps_by_instruction_and_by_line() {
 
 #[test]
 fn registers_and_all_memories_are_read_and_written() {
-    let mut setup = Setup::new("memory");
+    let mut setup = Setup::new();
     let text = setup.debug(
         "break inner; continue; set $r5 = 0xA5; set $SREG = 0xC3; info registers r5 SREG SP pc; \
          set var rounds = 4660; print/x rounds; set {unsigned char}0x810007 = 0x5A; \
@@ -182,9 +171,9 @@ fn registers_and_all_memories_are_read_and_written() {
 /// GDB uses the binary packet if the stub supports it, else the hexadecimal one.
 #[test]
 fn both_packets_write_all_byte_values_to_memory() {
-    let mut setup = Setup::new("packets");
+    let mut setup = Setup::new();
     let every_byte: Vec<u8> = (0..=255).collect();
-    let file = setup.directory.join("bytes");
+    let file = setup.scratch.path("bytes");
     std::fs::write(&file, &every_byte).expect("a file");
     for (packet, value) in [("off", 0x11), ("on", 0x22)] {
         let file = file.display();
@@ -213,14 +202,12 @@ fn both_packets_write_all_byte_values_to_memory() {
 
 #[test]
 fn an_interrupt_from_the_keyboard_halts_a_running_program() {
-    let mut setup = Setup::new("interrupt");
+    let mut setup = Setup::new();
     let commands =
         "continue; print rounds > 0; print ticks > 0; print/x $pc; break inner; continue";
     let child = setup.avr_gdb(commands);
     setup.turn_until(|setup| setup.gdb.status().contains("attached"));
-    for _ in 0..50 {
-        setup.turn();
-    }
+    setup.turns(50);
     let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().expect("kill");
     assert!(sent.success());
     let text = setup.until_end(child);
@@ -235,7 +222,7 @@ fn an_interrupt_from_the_keyboard_halts_a_running_program() {
 
 #[test]
 fn the_whole_bench_stops_while_the_chip_is_halted() {
-    let mut setup = Setup::new("still");
+    let mut setup = Setup::new();
     let stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     setup.turn_until(|setup| setup.gdb.status().contains("halted by avr-gdb"));
     let (before, others) = (setup.bench.now(), setup.bench.board(1).now());
@@ -249,15 +236,13 @@ fn the_whole_bench_stops_while_the_chip_is_halted() {
 
 #[test]
 fn invalid_packets_do_no_harm() {
-    let mut setup = Setup::new("nonsense");
+    let mut setup = Setup::new();
     let mut stream = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     stream
         .write_all(b"$m0,ffffffff#00$\xff\x00}}#zz$Z0,ffffffff,2#2b$G00#d7$m3fff,100#5b+")
         .expect("sent");
     setup.turn_until(|setup| !setup.gdb.status().contains("waits"));
-    for _ in 0..20 {
-        setup.turn();
-    }
+    setup.turns(20);
     drop(stream);
     setup.assert_running();
     assert!(setup.debug("break inner; continue").contains("Breakpoint 1, inner"));
@@ -265,7 +250,7 @@ fn invalid_packets_do_no_harm() {
 
 #[test]
 fn a_second_debugger_waits_until_the_first_ends() {
-    let mut setup = Setup::new("second");
+    let mut setup = Setup::new();
     let first = TcpStream::connect(("localhost", setup.gdb.port())).expect("the port");
     setup.turn_until(|setup| setup.gdb.status().contains("halted"));
     let second = setup.avr_gdb("print rounds");
@@ -275,7 +260,7 @@ fn a_second_debugger_waits_until_the_first_ends() {
 
 #[test]
 fn the_error_of_a_port_in_use_names_it() {
-    let mut setup = Setup::new("in-use");
+    let mut setup = Setup::new();
     let port = setup.gdb.port();
     let error = Gdb::open(port, &mut setup.bench, 0).err().expect("an error");
     let text = format!("{error:#}");
@@ -284,7 +269,7 @@ fn the_error_of_a_port_in_use_names_it() {
 
 #[test]
 fn breakpoints_of_one_board_do_not_stop_the_other() {
-    let mut setup = Setup::new("other");
+    let mut setup = Setup::new();
     let text = setup.debug("break inner; continue; ignore 1 98; continue; print rounds");
     assert_in_order(&text, "Breakpoint 1, inner | $1 = 99");
     let mut answer = Vec::new();

@@ -72,15 +72,19 @@ fn is_link(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok()
 }
 
+/// A path as an option.
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
 #[test]
 fn a_signal_ends_the_run_and_removes_the_ports() {
     let scratch = Scratch::new();
     let program = elf(&scratch, "echo");
+    let (can, serial) = (scratch.path("can"), scratch.path("serial"));
     for signal in ["INT", "TERM", "HUP"] {
-        let (can, serial) = (scratch.path("can"), scratch.path("serial"));
-        let ports = ["--slcan", can.to_str().unwrap(), "--serial", serial.to_str().unwrap()];
-        let mut sim =
-            Sim::start(&[&["--elf", program.to_str().unwrap()], ports.as_slice()].concat());
+        let ports = ["--slcan", text(&can), "--serial", text(&serial)];
+        let mut sim = Sim::start(&[&["--elf", text(&program)], &ports[..]].concat());
         wait_for(|| is_link(&can) && is_link(&serial), "the ports");
         sim.signal(signal);
         assert!(sim.end(), "{signal}");
@@ -92,9 +96,8 @@ fn a_signal_ends_the_run_and_removes_the_ports() {
 #[test]
 fn the_port_of_a_killed_run_is_replaced_and_that_of_a_running_one_is_not() {
     let scratch = Scratch::new();
-    let program = elf(&scratch, "echo");
-    let port = scratch.path("can");
-    let options = ["--elf", program.to_str().unwrap(), "--slcan", port.to_str().unwrap()];
+    let (program, port) = (elf(&scratch, "echo"), scratch.path("can"));
+    let options = ["--elf", text(&program), "--slcan", text(&port)];
     let mut first = Sim::start(&options);
     wait_for(|| is_link(&port), "the port");
     assert_fails(&options, "another sim");
@@ -103,29 +106,27 @@ fn the_port_of_a_killed_run_is_replaced_and_that_of_a_running_one_is_not() {
     assert!(is_link(&port));
     let stale = fs::read_link(&port).unwrap();
     let _second = Sim::start(&options);
-    wait_for(
-        || fs::read_link(&port).is_ok_and(|target| target != stale || target.exists()),
-        "the new port",
-    );
+    let is_new = || fs::read_link(&port).is_ok_and(|found| found != stale || found.exists());
+    wait_for(is_new, "the new port");
 }
 
 #[test]
 fn the_error_of_an_option_that_cannot_be_fulfilled_gives_advice() {
     let scratch = Scratch::new();
-    let program = elf(&scratch, "echo");
-    let program = program.to_str().unwrap();
-    let file = scratch.path("thesis.txt");
+    let (program, file) = (elf(&scratch, "echo"), scratch.path("thesis.txt"));
+    let (program, port) = (text(&program), scratch.path("s"));
     fs::write(&file, "a thesis").unwrap();
-    assert_fails(&["--elf", program, "--slcan", file.to_str().unwrap()], "choose another path");
-    assert_fails(&["--elf", program, "--serial", "/no/such/place"], "no directory");
-    assert_fails(&["--elf", program, "--eeprom", file.to_str().unwrap()], "8 bytes");
-    assert_fails(
-        &["--serial", scratch.path("s").to_str().unwrap(), "--bootloader", program],
-        program,
-    );
-    assert_fails(&["--elf", "/no/such.elf"], "make firmware");
+    for (options, expected) in [
+        (&["--elf", program, "--slcan", text(&file)][..], "choose another path"),
+        (&["--elf", program, "--serial", "/no/such/place"], "no directory"),
+        (&["--elf", program, "--eeprom", text(&file)], "8 bytes"),
+        (&["--serial", text(&port), "--bootloader", program], program),
+        (&["--elf", "/no/such.elf"], "make firmware"),
+    ] {
+        assert_fails(options, expected);
+    }
     assert_eq!(fs::read(&file).unwrap(), b"a thesis");
-    assert!(!is_link(&scratch.path("s")));
+    assert!(!is_link(&port));
 }
 
 fn bootloader(name: &str) -> Option<PathBuf> {
@@ -147,9 +148,8 @@ fn avrdude_uploads_through_the_original_bootloaders() {
 #[test]
 fn a_bootloader_that_is_too_long_is_named_with_one_that_fits() {
     let Some(hex) = bootloader("../optiboot/optiboot_atmega328.hex") else { return };
-    let hex = hex.to_str().unwrap();
-    let options = ["--board", "uno", "--no-program", "--bootloader", hex];
-    assert_fails(&options, &format!("the bootloader {hex}: 32,788 bytes"));
+    let options = ["--board", "uno", "--no-program", "--bootloader", text(&hex)];
+    assert_fails(&options, &format!("the bootloader {}: 32,788 bytes", hex.display()));
     assert_fails(&options, "scripts/optiboot compiles one that fits");
 }
 
@@ -187,30 +187,19 @@ fn the_error_of_a_bootloader_for_another_chip_names_the_right_option() {
     let Some(hex) = bootloader("ATmegaBOOT_168_atmega328.hex") else { return };
     let scratch = Scratch::new();
     let port = scratch.path("arduino");
-    let options = ["--serial", port.to_str().unwrap(), "--bootloader", hex.to_str().unwrap()];
+    let options = ["--serial", text(&port), "--bootloader", text(&hex)];
     assert_fails(&[&options[..], &["--mcu", "atmega168"]].concat(), "--mcu atmega328p");
 }
 
 fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
-    let Some(hex) = bootloader(hex) else {
-        return;
-    };
+    let Some(hex) = bootloader(hex) else { return };
     let scratch = Scratch::new();
-    let program = elf_for(&scratch, "echo", chip);
-    let port = scratch.path("arduino");
-    let options = [
-        "--serial",
-        port.to_str().unwrap(),
-        "--bootloader",
-        hex.to_str().unwrap(),
-        "--no-program",
-        "--board",
-        board,
-    ];
-    let _sim = Sim::start(&options);
+    let (program, port) = (elf_for(&scratch, "echo", chip), scratch.path("arduino"));
+    let serial = ["--serial", text(&port), "--bootloader", text(&hex)];
+    let _sim = Sim::start(&[&serial[..], &["--no-program", "--board", board]].concat());
     wait_for(|| is_link(&port), "the port");
     let avrdude = Command::new("avrdude")
-        .args(["-c", "arduino", "-p", part, "-b", baud, "-D", "-P", port.to_str().unwrap()])
+        .args(["-c", "arduino", "-p", part, "-b", baud, "-D", "-P", text(&port)])
         .args(["-U", &format!("flash:w:{}:e", program.display())])
         .output()
         .expect("avrdude");
@@ -221,20 +210,12 @@ fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
     client.set_baud(115_200);
     let opened = Instant::now();
     let mut received = Vec::new();
-    wait_for(
-        || {
-            received.extend(client.read());
-            received.ends_with(b"ready\n")
-        },
-        "the program to start",
-    );
+    let mut ends_with = |client: &mut Client, end: &[u8]| {
+        received.extend(client.read());
+        received.ends_with(end)
+    };
+    wait_for(|| ends_with(&mut client, b"ready\n"), "the program to start");
     assert!(opened.elapsed() > Duration::from_millis(500), "the bootloader did not wait");
     client.write(b"hello");
-    wait_for(
-        || {
-            received.extend(client.read());
-            received.ends_with(b"hello")
-        },
-        "the echo",
-    );
+    wait_for(|| ends_with(&mut client, b"hello"), "the echo");
 }

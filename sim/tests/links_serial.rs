@@ -1,7 +1,7 @@
 //! Tests of the Arduino's serial port with clients that open it.
 
-use crate::avr::program;
-use crate::links::{Client, MS, Scratch};
+use crate::avr::{MS, program};
+use crate::links::{Client, Scratch};
 use anyhow::Result;
 use bench::Bench;
 use bench::avr::{Avr, ResetCause};
@@ -19,8 +19,17 @@ struct Stand {
 }
 
 impl Stand {
-    fn new(avr: Avr) -> Stand {
-        Stand::with_port(avr, |path| SerialPort::open(path, 0, None, true))
+    /// A board with the program `echo`, and its port, whose baud rate does not matter.
+    fn new() -> Stand {
+        Stand::with_port(program("echo", &[]), |path| SerialPort::open(path, 0, None, true))
+    }
+
+    /// The same, with a client at the port 5 ms later.
+    fn opened() -> (Stand, Client) {
+        let mut stand = Stand::new();
+        let client = Client::open(&stand.path);
+        stand.run_ms(5);
+        (stand, client)
     }
 
     /// With the port that `open` makes.
@@ -49,9 +58,10 @@ impl Stand {
     }
 }
 
+/// Also `stty`, which opens and closes it without writing.
 #[test]
 fn opening_the_port_resets_the_board_each_time() {
-    let mut stand = Stand::new(program("echo", &[]));
+    let mut stand = Stand::new();
     stand.run_ms(5);
     assert_eq!(stand.resets(), [ResetCause::PowerOn]);
     let client = Client::open(&stand.path);
@@ -59,7 +69,7 @@ fn opening_the_port_resets_the_board_each_time() {
     assert_eq!(stand.resets(), [ResetCause::PowerOn, ResetCause::External]);
     drop(client);
     stand.run_ms(5);
-    let _client = Client::open(&stand.path);
+    drop(Client::open(&stand.path));
     stand.run_ms(5);
     assert_eq!(stand.resets().len(), 3);
 }
@@ -67,7 +77,7 @@ fn opening_the_port_resets_the_board_each_time() {
 /// ravedude's console does so after avrdude. The second program must not get bytes for the first.
 #[test]
 fn a_program_that_opens_the_port_at_once_after_another_resets_the_board_too() {
-    let mut stand = Stand::new(program("echo", &[]));
+    let mut stand = Stand::new();
     stand.run_ms(5);
     let mut client = Client::open(&stand.path);
     stand.run_ms(5);
@@ -88,9 +98,7 @@ fn a_program_that_opens_the_port_at_once_after_another_resets_the_board_too() {
 /// DTR is raised already.
 #[test]
 fn a_second_program_at_an_open_port_does_not_reset_the_board() {
-    let mut stand = Stand::new(program("echo", &[]));
-    let first = Client::open(&stand.path);
-    stand.run_ms(5);
+    let (mut stand, first) = Stand::opened();
     assert_eq!(stand.resets().len(), 2);
     let mut second = Client::open(&stand.path);
     drop(Client::open(&stand.path));
@@ -107,21 +115,9 @@ fn a_second_program_at_an_open_port_does_not_reset_the_board() {
     assert_eq!(stand.resets().len(), 3);
 }
 
-/// `stty` does so.
-#[test]
-fn a_program_that_opens_and_closes_the_port_without_writing_resets_the_board() {
-    let mut stand = Stand::new(program("echo", &[]));
-    stand.run_ms(5);
-    drop(Client::open(&stand.path));
-    stand.run_ms(5);
-    assert_eq!(stand.resets(), [ResetCause::PowerOn, ResetCause::External]);
-}
-
 #[test]
 fn bytes_pass_at_the_baud_rate_in_both_directions() {
-    let mut stand = Stand::new(program("echo", &[]));
-    let mut client = Client::open(&stand.path);
-    stand.run_ms(5);
+    let (mut stand, mut client) = Stand::opened();
     assert_eq!(client.read(), b"ready\n");
     let text: Vec<u8> = (0..100).collect();
     client.write(&text);
@@ -136,7 +132,7 @@ fn bytes_pass_at_the_baud_rate_in_both_directions() {
 /// `echo text > port` closes the port before the link is served.
 #[test]
 fn the_board_gets_the_bytes_of_a_program_that_closes_the_port_at_once() {
-    let mut stand = Stand::new(program("echo", &[]));
+    let mut stand = Stand::new();
     stand.run_ms(5);
     Client::open(&stand.path).write(b"hello");
     stand.run_ms(5);
@@ -146,9 +142,7 @@ fn the_board_gets_the_bytes_of_a_program_that_closes_the_port_at_once() {
 
 #[test]
 fn a_program_that_never_reads_does_not_stop_the_simulation() {
-    let mut stand = Stand::new(program("echo", &[]));
-    let mut client = Client::open(&stand.path);
-    stand.run_ms(5);
+    let (mut stand, mut client) = Stand::opened();
     let flood = [b'x'; 4096];
     for _ in 0..9000 {
         client.write_some(&flood);
@@ -161,7 +155,8 @@ fn a_program_that_never_reads_does_not_stop_the_simulation() {
 /// A board whose receiver is off takes no bytes. They must not wait for its next program.
 #[test]
 fn bytes_that_the_board_does_not_take_are_dropped() {
-    let mut stand = Stand::new(program("spin", &[]));
+    let mut stand =
+        Stand::with_port(program("spin", &[]), |path| SerialPort::open(path, 0, None, true));
     let mut client = Client::open(&stand.path);
     stand.run_ms(5);
     client.write(b"lost");

@@ -3,10 +3,6 @@
 use std::cell::RefCell;
 use std::path::PathBuf;
 use std::rc::Rc;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::thread;
-use std::time::Duration;
 
 use crate::links::{Client, Scratch, run_ms};
 use bench::Bench;
@@ -58,6 +54,11 @@ impl Stand {
         String::from_utf8(self.client.read()).unwrap()
     }
 
+    /// Lets the peer send frames.
+    fn peer_sends(&mut self, frames: impl IntoIterator<Item = Frame>) {
+        frames.into_iter().for_each(|frame| self.peer.borrow_mut().send(frame));
+    }
+
     fn take_peer_frames(&mut self) -> Vec<Frame> {
         self.peer.borrow_mut().take_received().into_iter().map(|(_, frame)| frame).collect()
     }
@@ -100,37 +101,37 @@ fn frames_go_to_the_bus_in_order_and_are_confirmed() {
 #[test]
 fn the_client_gets_frames_of_the_bus_with_a_timestamp_on_request() {
     let mut stand = Stand::opened();
-    stand.peer.borrow_mut().send(Frame::extended(0x1801_552A, &[0xAB, 0xCD]));
-    stand.peer.borrow_mut().send(Frame::standard(0x123, &[]));
+    stand.peer_sends([Frame::extended(0x1801_552A, &[0xAB, 0xCD])]);
+    stand.peer_sends([Frame::standard(0x123, &[])]);
     stand.run_ms(2);
     assert_eq!(stand.read(), "T1801552A2ABCD\rt1230\r");
     assert_eq!(stand.request("Z1\r"), "\r");
-    let now_ms = stand.bench.now() / crate::links::MS;
-    stand.peer.borrow_mut().send(Frame::standard(0x123, &[]));
+    let now_ms = stand.bench.now() / crate::avr::MS;
+    stand.peer_sends([Frame::standard(0x123, &[])]);
     stand.run_ms(2);
     assert_eq!(stand.read(), format!("t1230{now_ms:04X}\r"));
 }
 
+/// A frame that no station acknowledges stays in the peer's queue.
 #[test]
-fn a_closed_adapter_does_not_send_receive_or_acknowledge() {
+fn an_adapter_that_is_closed_or_in_listen_mode_does_not_send_or_acknowledge() {
     let mut stand = Stand::new();
-    assert_eq!(stand.request("t1230\r"), "\x07");
-    stand.peer.borrow_mut().send(Frame::standard(0x7FF, &[]));
-    stand.run_ms(5);
-    assert_eq!(stand.read(), "");
-    assert_eq!(stand.peer.borrow().queued(), 1, "no station acknowledges");
-    assert_eq!(stand.request("S8\rO\r"), "\r\rt7FF0\r");
-    assert_eq!(stand.request("C\r"), "\r");
-    stand.peer.borrow_mut().send(Frame::standard(0x7FF, &[]));
-    stand.run_ms(5);
-    assert_eq!(stand.peer.borrow().queued(), 1);
-}
-
-#[test]
-fn an_adapter_in_listen_mode_does_not_acknowledge() {
+    let frame = Frame::standard(0x7FF, &[]);
+    for (request, answer, queued, received) in [
+        ("t1230\r", "\x07", 1, ""),
+        // What waited arrives.
+        ("S8\rO\r", "\r\rt7FF0\r", 0, "t7FF0\r"),
+        ("C\r", "\r", 1, ""),
+    ] {
+        assert_eq!(stand.request(request), answer, "{request:?}");
+        stand.peer_sends([frame]);
+        stand.run_ms(5);
+        assert_eq!(stand.read(), received, "{request:?}");
+        assert_eq!(stand.peer.borrow().queued(), queued, "{request:?}");
+    }
     let mut stand = Stand::new();
     assert_eq!(stand.request("S8\rL\rt1230\r"), "\r\r\x07");
-    stand.peer.borrow_mut().send(Frame::standard(0x7FF, &[]));
+    stand.peer_sends([frame]);
     stand.run_ms(5);
     assert_eq!(stand.peer.borrow().queued(), 1);
 }
@@ -177,9 +178,7 @@ fn the_last_frames_go_out_before_the_channel_closes() {
 fn a_client_that_does_not_read_loses_the_oldest_frames_and_a_flag_is_set() {
     let mut stand = Stand::opened();
     let total = 14_000u32;
-    for number in 0..total {
-        stand.peer.borrow_mut().send(Frame::extended(number, &[]));
-    }
+    stand.peer_sends((0..total).map(|number| Frame::extended(number, &[])));
     stand.run_ms(1300);
     assert_eq!(stand.peer.borrow().queued(), 0, "the bus still works");
     let lost = stand.adapter.lost().1;
@@ -222,22 +221,11 @@ fn a_client_that_floods_a_blocked_bus_does_not_stop_the_simulation() {
 #[test]
 fn a_flood_of_invalid_bytes_does_not_stop_the_simulation() {
     let mut stand = Stand::opened();
-    let stop = Arc::new(AtomicBool::new(false));
-    let (path, stopped) = (stand.path.clone(), stop.clone());
-    let flooder = thread::spawn(move || {
-        let mut client = Client::open(&path);
-        while !stopped.load(Ordering::Relaxed) {
-            if client.write_some(&[b'x'; 4096]) == 0 {
-                thread::yield_now();
-            }
-        }
-    });
     for number in 0..200 {
-        stand.peer.borrow_mut().send(Frame::standard(number, &[]));
+        while stand.client.write_some(&[b'x'; 4096]) > 0 {}
+        stand.peer_sends([Frame::standard(number, &[])]);
         stand.run_ms(1);
     }
-    stop.store(true, Ordering::Relaxed);
-    flooder.join().unwrap();
     assert_eq!(stand.peer.borrow().queued(), 0);
 }
 
@@ -253,9 +241,7 @@ fn the_adapter_works_after_a_client_that_ended_within_a_frame() {
 #[test]
 fn a_new_client_does_not_get_frames_for_the_last_one() {
     let mut stand = Stand::opened();
-    for number in 0..1500 {
-        stand.peer.borrow_mut().send(Frame::standard(number, &[]));
-    }
+    stand.peer_sends((0..1500).map(|number| Frame::standard(number, &[])));
     stand.run_ms(200);
     stand.client = Client::open(&stand.path);
     assert_eq!(stand.request("C\rS8\rO\r"), "\r\r\r");
@@ -279,75 +265,32 @@ fn two_adapters_arbitrate_and_receive_each_others_frames_but_not_their_own() {
     assert_eq!(ids, [0x111, 0x112, 0x222, 0x223].map(Id::Standard));
 }
 
-/// Every frame arrives, in order.
+/// Every frame arrives, in order. The client writes more than the bus takes.
 #[test]
 fn a_full_bus_of_client_traffic_loses_no_frame() {
     const FRAMES: u64 = 10_000;
     let scratch = Scratch::new();
-    let (from, to) = (scratch.path("from"), scratch.path("to"));
+    let paths = [scratch.path("from"), scratch.path("to")];
     let mut bench = Bench::new(BIT_RATE);
-    let mut sender = slcan::open(&from, &mut bench).unwrap();
-    let mut receiver = slcan::open(&to, &mut bench).unwrap();
-    let received = Arc::new(AtomicU64::new(0));
-    let stop = Arc::new(AtomicBool::new(false));
-    let (reader_received, reader_stop) = (received.clone(), stop.clone());
-    let reader = thread::spawn(move || {
-        let mut client = Client::open(&to);
+    let [mut sender, mut receiver] = [0, 1].map(|at| slcan::open(&paths[at], &mut bench).unwrap());
+    let [mut writer, mut reader] = [0, 1].map(|at| Client::open(&paths[at]));
+    for client in [&mut writer, &mut reader] {
         client.write(b"S8\rO\r");
-        let mut text = Vec::new();
-        while !reader_stop.load(Ordering::Relaxed) {
-            text.extend(client.read());
-            let lines = text.iter().filter(|byte| **byte == b'\r').count() as u64;
-            reader_received.store(lines.saturating_sub(2), Ordering::Relaxed);
-            thread::sleep(Duration::from_millis(1));
-        }
-        text
-    });
-    let writer_stop = stop.clone();
-    let writer = thread::spawn(move || {
-        let mut client = Client::open(&from);
-        client.write(b"S8\rO\r");
-        let text: Vec<u8> =
-            (0..FRAMES).flat_map(|n| format!("T1404562A8{n:016x}\r").into_bytes()).collect();
-        let mut rest = text.as_slice();
-        while !rest.is_empty() && !writer_stop.load(Ordering::Relaxed) {
-            rest = &rest[client.write_some(rest)..];
-            client.read();
-        }
-    });
-    // The receiver must be on the bus before the first frame is sent.
-    for _ in 0..1000 {
-        receiver.serve(&bench);
-        if receiver.status().contains("open") {
+        run_ms(&mut bench, &mut [&mut sender, &mut receiver], 2);
+        assert_eq!(client.read(), b"\r\r");
+    }
+    let text: String = (0..FRAMES).map(|n| format!("T1404562A8{n:016x}\r")).collect();
+    let (mut rest, mut received) = (text.as_bytes(), Vec::new());
+    for _ in 0..10_000 {
+        rest = &rest[writer.write_some(rest)..];
+        run_ms(&mut bench, &mut [&mut sender, &mut receiver], 1);
+        writer.read();
+        received.extend(reader.read());
+        if received.len() >= text.len() {
             break;
         }
-        thread::sleep(Duration::from_millis(1));
     }
-    bench.run_for_ms(1);
-    let (mut carried, mut rounds_left) = (0, 30_000);
-    while received.load(Ordering::Relaxed) < FRAMES && rounds_left > 0 {
-        // The simulation must not run ahead of the test's threads by too much.
-        if carried - received.load(Ordering::Relaxed).min(carried) > 2000 {
-            receiver.serve(&bench);
-        } else {
-            run_ms(&mut bench, &mut [&mut sender, &mut receiver], 1);
-            let before = std::mem::replace(&mut carried, bench.bus().stats().frames);
-            if carried != before {
-                continue;
-            }
-        }
-        rounds_left -= 1;
-        thread::sleep(Duration::from_millis(1));
-    }
-    stop.store(true, Ordering::Relaxed);
-    writer.join().unwrap();
-    let text = reader.join().unwrap();
     assert_eq!((sender.lost(), receiver.lost()), ((0, 0), (0, 0)));
-    let numbers: Vec<u64> = text
-        .split(|byte| *byte == b'\r')
-        .filter(|line| line.first() == Some(&b'T'))
-        .map(|line| u64::from_str_radix(std::str::from_utf8(&line[10..]).unwrap(), 16).unwrap())
-        .collect();
-    assert_eq!(numbers.len() as u64, FRAMES);
-    assert!(numbers.iter().enumerate().all(|(index, number)| index as u64 == *number));
+    let received = String::from_utf8(received).unwrap();
+    assert!(received == text.to_uppercase(), "{} of {} bytes", received.len(), text.len());
 }

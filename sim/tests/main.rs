@@ -8,7 +8,6 @@ mod links;
 mod links_program;
 mod links_serial;
 mod links_slcan;
-mod nodes;
 mod own_program;
 mod utilisation;
 mod wire;

@@ -15,6 +15,7 @@ use crate::links::{Scratch, elf, elf_for, elf_with};
 use rustix::process::{Pid, Signal, WaitOptions, kill_process, waitpid};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
+use serde_json::{Value, json};
 
 /// The options of docs/sketch.md for an Uno with a blue module.
 const UNO: [&str; 8] = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "8"];
@@ -30,6 +31,23 @@ fn sim_for(duration: &str, elf: &Path, options: &[&str]) -> Output {
         .args(options)
         .output()
         .expect("sim starts")
+}
+
+/// The output of a run, its report, and its exit code.
+#[track_caller]
+fn result(program: &Path, options: &[&str]) -> (String, Value, Option<i32>) {
+    let path = program.with_extension("json");
+    let output = sim(program, &[options, &["--json", path.to_str().unwrap()]].concat());
+    let report = fs::read_to_string(&path).expect("a report");
+    let text = String::from_utf8_lossy(&output.stdout).into_owned();
+    (text, serde_json::from_str(&report).expect("JSON"), output.status.code())
+}
+
+/// The same of the program `uno.c` with macros defined.
+#[track_caller]
+fn uno(defines: &[&str], options: &[&str]) -> (String, Value, Option<i32>) {
+    let scratch = Scratch::new();
+    result(&elf_with(&scratch, "uno", "atmega328p", defines), options)
 }
 
 #[track_caller]
@@ -83,16 +101,10 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
             rest.contains("\nbus             10 frames, 0 error frames, 0 not acknowledged\n"),
             "{rest}"
         );
-        let figure = |name: &str| {
-            rest.lines()
-                .find(|line| line.starts_with(name))
-                .map(|line| line.split_whitespace().count())
-        };
-        assert_eq!(
-            [figure("flash"), figure("statics"), figure("stack")],
-            [Some(3), Some(3), Some(14)],
-            "{rest}"
-        );
+        for (name, words) in [("flash", 3), ("statics", 3), ("stack", 14)] {
+            let line = rest.lines().find(|line| line.starts_with(name)).expect(name);
+            assert_eq!(line.split_whitespace().count(), words, "{line}");
+        }
     }
 }
 
@@ -100,26 +112,43 @@ fn a_program_for_the_uno_with_a_blue_module_sends_its_frames() {
 fn the_error_of_an_option_that_the_board_cannot_fulfil_has_the_reason() {
     let scratch = Scratch::new();
     let program = elf_for(&scratch, "uno", "atmega328p");
-    let error = error_text(&sim(&program, &["--board", "mega"]));
-    assert!(error.contains("no board is called \"mega\": use diecimila, "), "{error}");
-    let error = error_text(&sim(&program, &["--shield", "mega"]));
-    assert!(error.contains("no CAN board is called \"mega\": use module, "), "{error}");
-    let error = error_text(&sim(&program, &["--mcu", "mega"]));
-    assert!(error.contains("use atmega168 or atmega328p"), "{error}");
-    let error = error_text(&sim(&program, &["--cs", "D13"]));
-    assert!(error.contains("CS is on D13, which is SCK's"), "{error}");
+    let pins = |option| [&UNO[..], &[option]].concat();
+    for (options, expected) in [
+        (vec!["--board", "mega"], "no board is called \"mega\": use diecimila, "),
+        (vec!["--shield", "mega"], "no CAN board is called \"mega\": use module, "),
+        (vec!["--mcu", "mega"], "use atmega168 or atmega328p"),
+        (vec!["--cs", "D13"], "CS is on D13, which is SCK's"),
+        (pins("--set=D7=2.5V"), "D7 is digital"),
+        (pins("--set=A1=7V"), "a voltage from 0V to 5V"),
+        (pins("--set=D10=low"), "D10 is CS of the MCP2515"),
+        (pins("--watch=D14"), "use D0 to D13 or A0 to A5"),
+        (pins("--vcd-signals=MISO,BUS"), "no signal is called \"BUS\": use CAN, "),
+        (pins("--json=/nowhere/x"), "--json: cannot write /nowhere/x"),
+        (pins("--inject=cable@2s"), "cable@2s: the run ends before, at 1 s (--for)"),
+    ] {
+        let output = sim(&program, &options);
+        let error = error_text(&output);
+        assert!(error.contains(expected), "{options:?}: {error}");
+        assert!(output.stdout.is_empty(), "{options:?}: a run before the error");
+    }
+    let error = error_text(&sim(Path::new("/dev/zero"), &[]));
+    assert!(error.contains("cannot read /dev/zero: it has more than"), "{error}");
 }
 
 /// The program's stack begins beyond the RAM of the smaller chip.
 #[test]
-fn a_program_for_a_larger_chip_makes_mistakes_that_are_counted() {
-    let scratch = Scratch::new();
-    let output = sim_for("100ms", &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
-    assert!(error_text(&output).contains("mistakes"));
-    let text = String::from_utf8_lossy(&output.stdout);
+fn a_program_for_a_larger_chip_makes_mistakes_that_are_printed_once_and_counted() {
+    let (text, report, code) = uno(&[], &["--mcu", "atmega168"]);
     let expected =
         "MISTAKE AVR: the program writes 0x08ff, but the RAM of an ATmega168 ends at 0x04ff";
     assert!(text.contains(expected), "{text}");
+    assert_eq!((code, &report["outcome"]), (Some(1), &json!("mistakes")));
+    assert_eq!(report["exit_code"], 1);
+    let kinds = report["mistakes"].as_array().unwrap();
+    assert_eq!(text.matches(" MISTAKE ").count(), kinds.len(), "{text}");
+    assert_eq!(text.matches("\nmistake  ").count(), kinds.len(), "{text}");
+    let total: u64 = kinds.iter().map(|kind| kind["count"].as_u64().unwrap()).sum();
+    assert_eq!(report["mistakes_total"], total);
 }
 
 #[test]
@@ -131,128 +160,85 @@ fn a_program_that_does_not_name_its_board_runs_on_the_default_one() {
     assert!(first.ends_with("bus 1000 kbit/s"), "{first}");
 }
 
-/// The output of a run, its report, and its exit code.
-fn result(
-    scratch: &Scratch,
-    program: &Path,
-    options: &[&str],
-) -> (String, serde_json::Value, Option<i32>) {
-    let path = scratch.path("result.json");
-    let output = sim(program, &[options, &["--json", path.to_str().unwrap()]].concat());
-    let json = fs::read_to_string(&path).expect("a result");
-    let text = String::from_utf8_lossy(&output.stdout).into_owned();
-    (text, serde_json::from_str(&json).expect("JSON"), output.status.code())
-}
-
+/// No hint is a failure, and each is in the report.
 #[test]
-fn the_hint_for_a_node_at_another_bit_rate_has_both_rates() {
-    let scratch = Scratch::new();
-    let program = elf_for(&scratch, "uno", "atmega328p");
-    let (text, result, code) =
-        result(&scratch, &program, &[&UNO[..], &["--bit-rate", "250000"]].concat());
-    let expected = "HINT    the node is at 500 kbit/s, the bus at 250 kbit/s";
-    assert_eq!(text.matches(expected).count(), 1, "{text}");
-    assert!(result["hints"][0].as_str().unwrap().starts_with(&expected[8..]), "{result}");
-    assert_eq!((code, &result["outcome"]), (Some(0), &"well".into()), "a hint is not a mistake");
-}
-
-#[test]
-fn a_serial_port_at_another_rate_of_serial_monitors_is_told_and_no_hint() {
-    let scratch = Scratch::new();
-    let (text, ..) =
-        result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=103"]), &UNO);
-    assert_eq!(text.matches("board   the serial port has 9600 baud").count(), 1, "{text}");
-    assert!(!text.contains("HINT"), "{text}");
-    let (text, ..) = result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &["UBRR=71"]), &UNO);
-    assert!(text.contains("is at 13888 baud, which no serial monitor has"), "{text}");
-    let (text, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
-    assert!(!text.contains("HINT"), "{text}");
-}
-
-#[test]
-fn another_device_on_the_spi_with_its_own_chip_select_is_not_a_mistake() {
-    let scratch = Scratch::new();
-    let program = elf_with(&scratch, "uno", "atmega328p", &["SD_CARD"]);
-    let (text, result, code) = result(&scratch, &program, &UNO);
-    assert_eq!(code, Some(0), "{text}");
-    assert_eq!(result["spi"]["bytes_elsewhere"], 60);
-    assert!(!text.contains("MISTAKE") && !text.contains("HINT"), "{text}");
-}
-
-#[test]
-fn the_hint_for_a_frame_that_waits_names_the_mode_of_the_controller() {
-    let scratch = Scratch::new();
-    for (mode, name) in [("MODE=0x80", "configuration"), ("MODE=0x60", "listen-only")] {
-        let (text, _, code) =
-            result(&scratch, &elf_with(&scratch, "uno", "atmega328p", &[mode]), &UNO);
-        let expected =
-            format!("HINT    a frame waits to be sent, but the MCP2515 is in {name} mode");
-        assert_eq!((code, text.matches(&expected).count()), (Some(0), 1), "{text}");
+fn programs_that_do_not_fit_their_settings_get_a_hint_once_and_others_none() {
+    let with = |options: &[&'static str]| [&UNO[..], options].concat();
+    let d3 = vec!["--mcu", "atmega328p", "--cs", "D10", "--int", "D3", "--crystal", "8"];
+    let other_rate = "HINT    the node is at 500 kbit/s, the bus at 250 kbit/s";
+    let waits =
+        |mode| format!("HINT    a frame waits to be sent, but the MCP2515 is in {mode} mode");
+    let int = "HINT    INT of the MCP2515 (D2) is low, but the program has never looked at that \
+               pin, only at D3";
+    let baud = "HINT    the UART is at 13888 baud, which no serial monitor has";
+    for (define, options, hint) in [
+        (None, with(&[]), None),
+        (None, with(&["--bit-rate", "250000"]), Some(other_rate)),
+        (Some("UBRR=103"), with(&[]), None),
+        (Some("UBRR=71"), with(&[]), Some(baud)),
+        // Another device on the SPI with its own chip select.
+        (Some("SD_CARD"), with(&[]), None),
+        (Some("MODE=0x80"), with(&[]), Some(&waits("configuration")[..])),
+        (Some("MODE=0x60"), with(&[]), Some(&waits("listen-only")[..])),
+        // Without an interrupt a program can ask the controller over the SPI.
+        (Some("INT_ON_D3"), with(&[]), Some(int)),
+        (Some("INT_ON_D3"), d3, None),
+    ] {
+        let (text, report, code) = uno(define.as_slice(), &options);
+        let case = format!("{define:?} {options:?}: {text}");
+        assert_eq!((code, &report["outcome"]), (Some(0), &json!("well")), "{case}");
+        assert!(!text.contains("MISTAKE"), "{case}");
+        assert_eq!(text.matches("HINT").count(), usize::from(hint.is_some()), "{case}");
+        let hints = report["hints"].as_array().unwrap();
+        match hint {
+            Some(hint) => {
+                assert!(text.contains(hint), "{case}");
+                assert!(hints[0].as_str().unwrap().starts_with(&hint[8..]), "{report}");
+            }
+            None => assert_eq!(hints.len(), 0, "{report}"),
+        }
+        let elsewhere = if define == Some("SD_CARD") { 60 } else { 0 };
+        assert_eq!(report["spi"]["bytes_elsewhere"], elsewhere, "{case}");
+        let notes = text.matches("board   the serial port has 9600 baud").count();
+        assert_eq!(notes, usize::from(define == Some("UBRR=103")), "{case}");
     }
 }
 
 #[test]
 fn there_is_a_hint_for_a_chip_select_on_another_pin() {
-    let scratch = Scratch::new();
-    let program = elf_for(&scratch, "uno", "atmega328p");
-    let (text, ..) =
-        result(&scratch, &program, &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
+    let (text, ..) = uno(&[], &["--mcu", "atmega328p", "--cs", "D9", "--crystal", "8"]);
     assert!(text.contains("but CS of the MCP2515 (D9) has never been low"), "{text}");
     let named = text.find("the program drives D10, CS is wired to D9 (--cs D10)");
     let named = named.unwrap_or_else(|| panic!("{text}"));
     assert!(text.find("MISTAKE").is_none_or(|mistake| named < mistake), "{text}");
+    // On a board whose servo would be at D10, where the sketch has CS.
+    let (text, report, _) = uno(&[], &["--mcu", "atmega328p", "--crystal", "8"]);
+    assert!(text.contains("the program drives D10, CS is wired to D9 (--cs D10)"), "{text}");
+    assert!(!text.contains("motor") && !text.contains("servo   pulse"), "{text}");
+    assert_eq!(report["servo"]["pulses"], 0);
 }
 
 #[test]
 fn the_result_has_frames_spi_bytes_and_memory() {
-    let scratch = Scratch::new();
-    let (text, result, code) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
-    assert_eq!(
-        (code, &result["exit_code"], &result["simulated_s"]),
-        (Some(0), &0.into(), &1.0.into())
-    );
-    assert_eq!(
-        (&result["node"]["frames_sent"], &result["node"]["frames_received"]),
-        (&10.into(), &0.into())
-    );
-    assert_eq!(
-        (&result["bus"]["frames"], &result["bus"]["bit_rate"]),
-        (&10.into(), &500_000.into())
-    );
+    let (text, report, code) = uno(&[], &UNO);
+    assert_eq!(code, Some(0));
+    for (place, value) in [
+        ("/exit_code", json!(0)),
+        ("/simulated_s", json!(1.0)),
+        ("/node/frames_sent", json!(10)),
+        ("/node/frames_received", json!(0)),
+        ("/bus/frames", json!(10)),
+        ("/bus/bit_rate", json!(500_000)),
+    ] {
+        assert_eq!(report.pointer(place), Some(&value), "{place}");
+    }
     // A frame takes 12 bytes: READ of TXB0CTRL, LOAD TX BUFFER with 8, RTS. The rest is the
     // configuration of the MCP2515.
-    let bytes = result["spi"]["bytes_per_frame"].as_f64().unwrap();
+    let bytes = report["spi"]["bytes_per_frame"].as_f64().unwrap();
     assert!((12.0..16.0).contains(&bytes), "{bytes}");
-    assert!(
-        text.contains("bytes in") && text.contains("for 0 frames received and 10 sent"),
-        "{text}"
-    );
-    assert!(
-        text.contains("CAN frame 123#A500 (not DroneCAN: 11-bit identifier)")
-            || !text.contains("frame  "),
-        "{text}"
-    );
-}
-
-#[test]
-fn a_repeated_mistake_is_printed_once_with_its_count() {
-    let scratch = Scratch::new();
-    let (text, result, code) =
-        result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &["--mcu", "atmega168"]);
-    assert_eq!(
-        (code, &result["outcome"], &result["exit_code"]),
-        (Some(1), &"mistakes".into(), &1.into())
-    );
-    let kinds = result["mistakes"].as_array().unwrap().len();
-    assert_eq!(text.matches(" MISTAKE ").count(), kinds, "{text}");
-    assert_eq!(text.matches("\nmistake  ").count(), kinds, "{text}");
-    let total: u64 = result["mistakes"]
-        .as_array()
-        .unwrap()
-        .iter()
-        .map(|kind| kind["count"].as_u64().unwrap())
-        .sum();
-    assert_eq!(result["mistakes_total"].as_u64(), Some(total));
+    let spi = text.lines().find(|line| line.starts_with("SPI")).expect("a line");
+    assert!(spi.contains("bytes in"), "{spi}");
+    assert!(spi.ends_with("for 0 frames received and 10 sent"), "{spi}");
 }
 
 #[test]
@@ -290,38 +276,32 @@ fn the_exit_code_is_2_for_a_wrong_command_line_and_3_for_an_error_of_the_compute
 fn a_strict_run_fails_for_a_program_that_does_not_work() {
     let scratch = Scratch::new();
     let uno = || elf_for(&scratch, "uno", "atmega328p");
-    let strict = |program: &Path, options: &[&str]| {
-        let (text, result, code) = result(&scratch, program, &[options, &["--strict"]].concat());
-        let findings: Vec<String> = serde_json::from_value(result["findings"].clone()).unwrap();
-        assert_eq!(result["exit_code"].as_i64(), code.map(i64::from), "{text}");
-        (code, result["outcome"].as_str().unwrap().to_owned(), findings)
+    let strict = |program: &Path, options: &[&str], code, outcome: &str, findings: &[&str]| {
+        let (text, report, found) = result(program, &[options, &["--strict"]].concat());
+        assert_eq!((found, &report["outcome"]), (Some(code), &json!(outcome)), "{text}");
+        assert_eq!((&report["exit_code"], &report["findings"]), (&json!(code), &json!(findings)));
     };
-    let found = |code, outcome: &str, findings: &[&str]| {
-        let findings = findings.iter().map(|finding| (*finding).to_owned()).collect::<Vec<_>>();
-        (Some(code), outcome.to_owned(), findings)
-    };
-    assert_eq!(strict(&uno(), &UNO), found(0, "well", &[]));
+    strict(&uno(), &UNO, 0, "well", &[]);
     // Correct programs: a slow serial port; one that only receives; one with what is not modelled.
     let built = |defines: &[&str]| elf_with(&scratch, "uno", "atmega328p", defines);
-    assert_eq!(strict(&built(&["UBRR=103"]), &UNO), found(0, "well", &[]));
+    strict(&built(&["UBRR=103"]), &UNO, 0, "well", &[]);
     let listener = built(&["LISTENER"]);
-    assert_eq!(strict(&listener, &UNO), found(1, "never_sent", &["never_sent"]));
+    strict(&listener, &UNO, 1, "never_sent", &["never_sent"]);
     let mut beside_autopilot = Command::new(env!("CARGO_BIN_EXE_sim"));
     beside_autopilot.args(["--plain", "--strict", "--speed", "max", "--for", "1s", "--elf"]);
     let output = beside_autopilot.arg(&listener).args(UNO).output().expect("sim starts");
     lines(&output);
     let allowed = [&UNO[..], &["--allow", "never_sent,hints"]].concat();
-    assert_eq!(strict(&listener, &allowed), found(0, "well", &["never_sent"]));
+    strict(&listener, &allowed, 0, "well", &["never_sent"]);
     // The wrong crystal.
     let wrong = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D2", "--crystal", "16"];
-    let expected = found(1, "never_sent", &["never_sent", "hints"]);
-    assert_eq!(strict(&uno(), &[&wrong[..], &["--bit-rate", "500000"]].concat()), expected);
+    let wrong = [&wrong[..], &["--bit-rate", "500000"]].concat();
+    strict(&uno(), &wrong, 1, "never_sent", &["never_sent", "hints"]);
     // Programs that leave the SPI alone have no CAN.
-    assert_eq!(strict(&elf(&scratch, "spin"), &[]), found(0, "well", &[]));
-    let expected = found(1, "restarted", &["restarted"]);
-    assert_eq!(strict(&elf(&scratch, "watchdog"), &[]), expected);
+    strict(&elf(&scratch, "spin"), &[], 0, "well", &[]);
+    strict(&elf(&scratch, "watchdog"), &[], 1, "restarted", &["restarted"]);
     let jump = elf_with(&scratch, "features", "atmega168", &["FEATURE=DDRB=1", "JUMP"]);
-    assert_eq!(strict(&jump, &[]), expected);
+    strict(&jump, &[], 1, "restarted", &["restarted"]);
     let without = sim(&jump, &[]);
     assert_eq!(without.status.code(), Some(0));
     let text = String::from_utf8_lossy(&without.stdout).into_owned();
@@ -335,7 +315,7 @@ fn what_is_not_modelled_is_reported_with_the_exit_code_of_the_option() {
     for (options, expected) in
         [(&[][..], 0), (&["--unmodelled-exit", "4"], 4), (&["--unmodelled-exit", "0"], 0)]
     {
-        let (text, result, code) = result(&scratch, &program, options);
+        let (text, result, code) = result(&program, options);
         assert_eq!(code, Some(expected), "{text}");
         assert_eq!(text.matches("HINT    not modelled exactly: the TWI").count(), 1, "{text}");
         assert_eq!(result["unmodelled"].as_array().unwrap().len(), 1, "{result}");
@@ -345,29 +325,12 @@ fn what_is_not_modelled_is_reported_with_the_exit_code_of_the_option() {
 }
 
 #[test]
-fn there_is_a_hint_for_an_int_on_another_pin() {
-    let scratch = Scratch::new();
-    let program = elf_with(&scratch, "uno", "atmega328p", &["INT_ON_D3"]);
-    let (text, ..) = result(&scratch, &program, &UNO);
-    let expected = "HINT    INT of the MCP2515 (D2) is low, but the program has never looked at \
-                    that pin, only at D3";
-    assert_eq!(text.matches(expected).count(), 1, "{text}");
-    let right = ["--mcu", "atmega328p", "--cs", "D10", "--int", "D3", "--crystal", "8"];
-    let (text, ..) = result(&scratch, &program, &right);
-    assert!(!text.contains("HINT"), "{text}");
-    // Without an interrupt a program can ask the controller over the SPI.
-    let (text, ..) = result(&scratch, &elf_for(&scratch, "uno", "atmega328p"), &UNO);
-    assert!(!text.contains("HINT"), "{text}");
-}
-
-#[test]
 fn a_stack_that_runs_into_variables_fails_the_run_and_is_named_as_the_cause() {
     let scratch = Scratch::new();
     let program = scratch.path("overrun.elf");
     let run = |depth: &str| {
         sketch_to(&program, "overrun", &[&format!("DEPTH={depth}")]);
-        let (text, report, code) = result(&scratch, &program, &[]);
-        (text, report, code)
+        result(&program, &[])
     };
     let (text, report, code) = run("3");
     assert_eq!((code, &report["outcome"]), (Some(0), &"well".into()), "{text}");
@@ -396,7 +359,7 @@ fn a_device_that_is_missing_on_the_two_wire_bus_is_a_hint_and_one_that_is_there_
     let scratch = Scratch::new();
     let program = scratch.path("wire.elf");
     sketch_to(&program, "wire", &[]);
-    let (text, report, _) = result(&scratch, &program, &["--i2c", "0x48:0x00=0x19,0x80"]);
+    let (text, report, _) = result(&program, &["--i2c", "0x48:0x00=0x19,0x80"]);
     let hint = "HINT    nobody acknowledges 0x49 on the two-wire bus: --i2c 0x49 puts a device";
     assert_eq!(text.matches(hint).count(), 1, "{text}");
     assert!(text.contains(" i2c     0x48 is written 00 gives 19 80\n"), "{text}");
@@ -404,7 +367,7 @@ fn a_device_that_is_missing_on_the_two_wire_bus_is_a_hint_and_one_that_is_there_
     assert_eq!(report["findings"], serde_json::json!(["hints"]));
     // `twi.c` writes two registers.
     let program = elf(&scratch, "twi");
-    let (text, report, _) = result(&scratch, &program, &["--i2c", "0x48"]);
+    let (text, report, _) = result(&program, &["--i2c", "0x48"]);
     assert!(text.contains("\ni2c             0x48:0x10=0xA5,0x5A\n"), "{text}");
     let written = serde_json::json!([{"address": 0x48, "register": 0x10, "values": [0xA5, 0x5A]}]);
     assert_eq!(report["i2c"], written);
@@ -415,22 +378,19 @@ fn a_lost_frame_is_shown_with_the_buffer_that_was_full() {
     let scratch = Scratch::new();
     let script = scratch.path("frames.txt");
     fs::write(&script, "(0.3) can0 100#01\n(0.31) can0 101#02\n(0.32) can0 102#03\n").unwrap();
-    let run = |defines: &[&str]| {
-        let program = elf_with(&scratch, "uno", "atmega328p", defines);
-        let options = [&UNO[..], &["--script", script.to_str().unwrap()]].concat();
-        result(&scratch, &program, &options).0
-    };
+    let options = [&UNO[..], &["--script", script.to_str().unwrap()]].concat();
+    let run = |define: &str| uno(&[define], &options).0;
     let hint = "HINT    the program has never written the filters of RXB0";
     // Standard frames pass the filters of RXB1 only.
-    let text = run(&["MASKS"]);
+    let text = run("MASKS");
     let line = "LOST    frame lost, RXB1 was full, and no filter of RXB0, which was empty, passes \
                 the frame: 101#02";
     assert!(text.contains(line) && text.matches(hint).count() == 1, "{text}");
-    let text = run(&["RXB0=0x60"]);
+    let text = run("RXB0=0x60");
     let line = "LOST    frame lost, RXB0 was full, and its bit BUKT lets nothing go on to RXB1, \
                 which was empty: 101#02";
     assert!(text.contains(line) && !text.contains(hint), "{text}");
-    let text = run(&["RXB0=0x64"]);
+    let text = run("RXB0=0x64");
     let line = "LOST    frame lost, both receive buffers were full: 102#03";
     assert!(text.contains(line) && !text.contains("101#02\n"), "{text}");
 }
@@ -438,36 +398,15 @@ fn a_lost_frame_is_shown_with_the_buffer_that_was_full() {
 #[test]
 fn a_node_with_a_crystal_that_is_too_slow_for_the_bus_can_be_shown() {
     let scratch = Scratch::new();
-    let program = elf_for(&scratch, "uno", "atmega328p");
     let script = scratch.path("frames.txt");
     fs::write(&script, "(0.1) can0 100#01\n").unwrap();
     let options = ["--bit-rate", "1000000", "--traffic", "--script", script.to_str().unwrap()];
-    let (text, ..) = result(&scratch, &program, &[&UNO[..], &options].concat());
+    let (text, ..) = uno(&[], &[&UNO[..], &options].concat());
     let hint = "the bus at 1000 kbit/s: each gets only errors from the other. A crystal of 8 MHz \
                 does at most 500 kbit/s";
     assert!(text.contains(hint), "{text}");
     let errors = text.lines().filter(|line| line.contains("error frame")).count();
     assert!((3..=8).contains(&errors), "three, and then their number: {text}");
-}
-
-/// On a board whose servo would be at D10, where the sketch has CS.
-#[test]
-fn a_chip_select_is_no_servo() {
-    let scratch = Scratch::new();
-    let program = elf_for(&scratch, "uno", "atmega328p");
-    let (text, report, _) = result(&scratch, &program, &["--mcu", "atmega328p", "--crystal", "8"]);
-    assert!(text.contains("the program drives D10, CS is wired to D9 (--cs D10)"), "{text}");
-    assert!(!text.contains("motor") && !text.contains("servo   pulse"), "{text}");
-    assert_eq!(report["servo"]["pulses"], 0);
-}
-
-#[test]
-fn a_fault_after_the_end_of_the_run_is_refused() {
-    let scratch = Scratch::new();
-    let output = sim(&elf(&scratch, "spin"), &["--inject", "cable@2s"]);
-    assert_eq!(output.status.code(), Some(2));
-    let error = error_text(&output);
-    assert!(error.contains("--inject cable@2s: the run ends before, at 1 s (--for)"), "{error}");
 }
 
 #[test]
@@ -483,25 +422,6 @@ fn a_recording_of_some_signals_has_no_others() {
     let (all, can) = (bytes(&[]), bytes(&["--vcd-signals", "can,INT"]));
     assert!(all.contains(" SCK ") && can.contains(" CAN ") && can.contains(" INT "));
     assert!(!can.contains(" SCK ") && can.len() < all.len() / 3, "{} {}", can.len(), all.len());
-    let error = error_text(&sim(&program, &["--vcd", "x", "--vcd-signals", "MISO,BUS"]));
-    assert!(error.contains("no signal is called \"BUS\": use CAN, "), "{error}");
-}
-
-#[test]
-fn a_result_that_cannot_be_written_is_reported_before_the_run() {
-    let scratch = Scratch::new();
-    let program = elf_for(&scratch, "uno", "atmega328p");
-    let output = sim(&program, &["--json", "/nonexistent/result.json"]);
-    assert!(output.stdout.is_empty(), "{}", String::from_utf8_lossy(&output.stdout));
-    let error = error_text(&output);
-    assert!(error.contains("--json: cannot write /nonexistent/result.json"), "{error}");
-    assert_eq!(output.status.code(), Some(3));
-}
-
-#[test]
-fn a_device_without_an_end_is_no_program() {
-    let error = error_text(&sim(Path::new("/dev/zero"), &[]));
-    assert!(error.contains("cannot read /dev/zero: it has more than"), "{error}");
 }
 
 /// A pseudo-terminal of 100 by 30: the end of the test, and that of the program.
@@ -675,17 +595,12 @@ fn a_disturbed_chip_gives_no_hint_about_its_program() {
     assert!(text.contains("fault   chip-garbage") && !text.contains("HINT"), "{text}");
 }
 
+/// Two nodes with one ID would break the rules of the bus.
 #[test]
-fn a_wrong_pin_or_level_is_refused_with_advice() {
-    let scratch = Scratch::new();
-    let program = elf_for(&scratch, "own_pins", "atmega328p");
-    for (option, advice) in [
-        ("--set=D7=2.5V", "D7 is digital"),
-        ("--set=A1=7V", "a voltage from 0V to 5V"),
-        ("--set=D10=low", "D10 is CS of the MCP2515"),
-        ("--watch=D14", "use D0 to D13 or A0 to A5"),
-    ] {
-        let error = error_text(&sim_for("10ms", &program, &[&UNO[..], &[option]].concat()));
-        assert!(error.contains(advice), "{option}: {error}");
+fn further_boards_have_node_ids_of_their_own() {
+    let text = lines(&sim_for("2500ms", &node_elf().unwrap(), &["--nodes", "2"]));
+    for id in 120..=122 {
+        assert!(text.contains(&format!("node {id}: OK OPERATIONAL up 1 s")), "{text}");
     }
+    assert!(text.contains(" 0 error frames"), "{text}");
 }

@@ -1,7 +1,9 @@
-//! Tests of `sim utilisation` with impossible sizes, rates and options.
+//! Tests of the exit codes of `sim utilisation`.
 
 use std::fs;
 use std::process::Command;
+
+use crate::links::Scratch;
 
 /// The exit code, and the text on the error output.
 fn utilisation(arguments: &[&str]) -> (Option<i32>, String) {
@@ -14,49 +16,27 @@ fn utilisation(arguments: &[&str]) -> (Option<i32>, String) {
 }
 
 #[test]
-fn impossible_sizes_and_rates_are_rejected_with_advice() {
-    for (message, advice) in [
-        ("NodeStatus:8@1", "NodeStatus has 7 bytes, not 8"),
-        ("NodeStatus=2A00000000000000@1", "NodeStatus has 7 bytes, not 8"),
-        ("ArrayCommand:61@1", "not 61"),
-        ("NodeStatus@0", "is not a rate"),
-    ] {
-        let (code, text) = utilisation(&["--message", message]);
-        assert!(code == Some(2) && text.contains(advice), "{message}: {code:?} {text}");
-    }
-    assert_eq!(utilisation(&["--message", "NodeStatus=2A000000000000@0.1"]).0, Some(0));
-}
-
-#[test]
-fn tables_and_list_allow_no_other_options() {
-    for arguments in [
-        &["--tables", "--message", "NodeStatus@1"][..],
-        &["--list", "--file", "x"],
-        &["--tables", "--list"],
-    ] {
-        assert_eq!(utilisation(arguments).0, Some(2), "{arguments:?}");
-    }
-}
-
-#[test]
-fn an_invalid_file_is_an_error_of_the_command_line_and_a_missing_one_is_not() {
-    let directory = std::env::temp_dir().join(format!("utilisation-{}", std::process::id()));
-    fs::create_dir_all(&directory).expect("a directory");
-    let (wrong, binary) = (directory.join("wrong"), directory.join("binary"));
+fn the_exit_code_is_2_for_a_wrong_command_line_or_file_and_3_for_a_missing_file() {
+    let scratch = Scratch::new();
+    let (wrong, binary) = (scratch.path("wrong"), scratch.path("binary"));
     fs::write(&wrong, "NodeStatus@1\nNodeStatus@0\n").expect("a file");
     fs::write(&binary, [0xFF, 0xFE, 0x00]).expect("a file");
-    for path in [&wrong, &binary, &directory] {
-        let (code, text) = utilisation(&["--file", path.to_str().expect("text")]);
-        assert!(
-            code == Some(2) && text.contains(path.to_str().expect("text")),
-            "{path:?}: {code:?} {text}"
-        );
+    let (directory, nowhere) = (scratch.path(""), scratch.path("nowhere"));
+    let [wrong, binary, directory, nowhere] =
+        [&wrong, &binary, &directory, &nowhere].map(|path| path.to_str().expect("text"));
+    for (arguments, code, text) in [
+        (&["--message", "NodeStatus:8@1"][..], 2, "NodeStatus has 7 bytes, not 8"),
+        (&["--message", "NodeStatus=2A000000000000@0.1"], 0, ""),
+        (&["--tables", "--message", "NodeStatus@1"], 2, ""),
+        (&["--list", "--file", "x"], 2, ""),
+        (&["--tables", "--list"], 2, ""),
+        (&["--file", wrong], 2, wrong),
+        (&["--file", binary], 2, binary),
+        (&["--file", directory], 2, directory),
+        (&["--file", nowhere], 3, nowhere),
+    ] {
+        let (found, error) = utilisation(arguments);
+        assert_eq!(found, Some(code), "{arguments:?}: {error}");
+        assert!(error.contains(text), "{arguments:?}: {error}");
     }
-    let nowhere = directory.join("nowhere");
-    assert_eq!(
-        utilisation(&["--file", nowhere.to_str().expect("text")]).0,
-        Some(3),
-        "the exit code of a missing file"
-    );
-    fs::remove_dir_all(&directory).expect("it is removed");
 }

@@ -1,6 +1,7 @@
 //! Tests of the logs of the bus: Wireshark reads them, and the bench plays them again.
 
-use crate::wire::{BIT_RATE, Directory, Rig, frames, lines, peer_frames, text};
+use crate::links::Scratch;
+use crate::wire::{BIT_RATE, Rig, frames, lines, peer_frames, text};
 use bench::can::{Frame, Id, Record};
 use sim::links::Link;
 use sim::links::log::Log;
@@ -41,8 +42,8 @@ fn as_fields(start_us: u64, frame: &Frame) -> String {
 }
 
 fn assert_tshark_reads_all_frames(name: &str) {
-    let directory = Directory::new(name);
-    let path = directory.file(name);
+    let scratch = Scratch::new();
+    let path = scratch.path(name);
     let passed = frames(&logged(&path));
     assert!(passed.len() > peer_frames().len());
     let mut arguments = vec!["-r", text(&path), "-T", "fields"];
@@ -76,8 +77,8 @@ fn wireshark_reads_every_frame_of_a_pcap() {
 /// The bus has no other nodes, because they would send their frames a second time.
 #[test]
 fn the_log_of_a_run_with_the_node_plays_again_on_an_empty_bus() {
-    let directory = Directory::new("again");
-    let path = directory.file("run.log");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.log");
     let passed = frames(&logged(&path));
     let mut bench = bench::Bench::new(BIT_RATE);
     let listener = std::rc::Rc::new(std::cell::RefCell::new(bench::can::SoftNode::new(BIT_RATE)));
@@ -91,8 +92,8 @@ fn the_log_of_a_run_with_the_node_plays_again_on_an_empty_bus() {
 #[test]
 fn wireshark_reads_the_error_frames_of_a_pcap() {
     use bench::can::Fault;
-    let directory = Directory::new("errors");
-    let path = directory.file("errors.pcap");
+    let scratch = Scratch::new();
+    let path = scratch.path("errors.pcap");
     let mut rig = Rig::new();
     let mut log = Log::create(&path, BIT_RATE).unwrap();
     rig.run(11, |_, _| ());

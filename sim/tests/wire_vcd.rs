@@ -1,7 +1,8 @@
 //! Tests of VCD files with sigrok's decoders. One sample is one cycle of the AVR, so the tests
 //! compare times, too.
 
-use crate::wire::{Directory, Rig, frames, lines, output, peer_frames, text};
+use crate::links::Scratch;
+use crate::wire::{Rig, frames, lines, output, peer_frames, text};
 use bench::avr::{Firmware, Pulse, SpiByte};
 use bench::board::{Board, WireEvent};
 use bench::can::{Frame, Id, Record};
@@ -113,8 +114,8 @@ fn as_annotations(frame: &Frame) -> Vec<String> {
 
 #[test]
 fn sigrok_reads_every_frame_with_its_time_and_its_crc() {
-    let directory = Directory::new("can");
-    let path = directory.file("run.vcd");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.vcd");
     let passed = frames(&recorded(&path).records);
     assert!(passed.len() > peer_frames().len());
     let annotations = "can=sof:id:full-id:rtr:dlc:data:crc-sequence:ack-slot:warnings";
@@ -147,8 +148,8 @@ fn sigrok_reads_every_frame_with_its_time_and_its_crc() {
 
 #[test]
 fn sigrok_reads_every_byte_on_the_spi_and_the_commands_between_edges_of_cs() {
-    let directory = Directory::new("spi");
-    let path = directory.file("run.vcd");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.vcd");
     recorded(&path);
     let mut commands: Vec<Vec<(SpiByte, u8)>> = Vec::new();
     let mut events = probed();
@@ -184,8 +185,8 @@ fn sigrok_reads_every_byte_on_the_spi_and_the_commands_between_edges_of_cs() {
 
 #[test]
 fn sigrok_reads_the_serial_text_at_the_nominal_and_the_true_rate() {
-    let directory = Directory::new("uart");
-    let path = directory.file("run.vcd");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.vcd");
     let known = recorded(&path);
     let expected: Vec<u8> = known.serial.iter().map(|(_, byte)| *byte).collect();
     assert!(expected.starts_with(b"DroneCAN"), "{}", String::from_utf8_lossy(&expected));
@@ -205,8 +206,8 @@ fn sigrok_reads_the_serial_text_at_the_nominal_and_the_true_rate() {
 
 #[test]
 fn sigrok_measures_the_pulses_of_the_servo() {
-    let directory = Directory::new("pwm");
-    let path = directory.file("run.vcd");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.vcd");
     let known = recorded(&path);
     let periods: Vec<_> = known
         .pulses
@@ -247,8 +248,8 @@ fn changes(path: &Path) -> HashMap<String, Vec<(Cycles, bool)>> {
 
 #[test]
 fn cs_int_and_servo_have_the_edges_of_the_board() {
-    let directory = Directory::new("edges");
-    let path = directory.file("run.vcd");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.vcd");
     recorded(&path);
     let mut found = changes(&path);
     let events = probed();
@@ -304,8 +305,8 @@ fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
     let width = |index: usize| nops(index) as u64 + INSTRUCTION;
     let period =
         (0..OUTPUT_PINS.len()).map(|index| width(index) + INSTRUCTION).sum::<u64>() + INSTRUCTION;
-    let directory = Directory::new("outputs");
-    let path = directory.file("run.vcd");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.vcd");
     let mut bench = Bench::new(crate::wire::BIT_RATE);
     let board = Board::programmed(&Wiring::parse(section).unwrap(), &pulsing(nops)).unwrap();
     let node = bench.add_board(board, "node");
@@ -351,8 +352,8 @@ fn sigrok_measures_the_pulses_of_the_outputs_2_to_8() {
 /// The file of a run that is killed ends with a whole line, and lacks only the last 10 ms.
 #[test]
 fn the_file_can_be_read_while_it_is_being_written() {
-    let directory = Directory::new("killed");
-    let path = directory.file("run.vcd");
+    let scratch = Scratch::new();
+    let path = scratch.path("run.vcd");
     let mut rig = Rig::new();
     let node = rig.node;
     let mut vcd = Vcd::create(&path, &[], &[], &mut rig.bench, node).unwrap();
@@ -363,7 +364,7 @@ fn the_file_can_be_read_while_it_is_being_written() {
     });
     assert!(std::fs::read(&path).unwrap().ends_with(b"\n"));
     let found = decoded(&path, "can:can_rx=CAN:nominal_bitrate=1000000", "can=sof");
-    let before = seen.iter().filter(|record| record.end < 30 * crate::wire::MS).count();
+    let before = seen.iter().filter(|record| record.end < 30 * crate::avr::MS).count();
     assert!(before > 20 && found.len() >= before, "{before} {}", found.len());
     drop(vcd);
 }

@@ -162,38 +162,32 @@ mod tests {
     }
 
     fn frame(start_us: u64, text: &str) -> Record {
-        let frame = text.parse().unwrap();
         let start = start_us * CYCLES_PER_US;
-        Record {
-            start,
-            end: start + 1,
-            bits: 1,
-            kind: RecordKind::Frame { frame, from: None, acked: true },
-        }
+        let kind = RecordKind::Frame { frame: text.parse().unwrap(), from: None, acked: true };
+        Record { start, end: start + 1, bits: 1, kind }
     }
 
-    fn error(kind: ErrorKind) -> Record {
-        Record {
-            start: 0,
-            end: 1,
-            bits: 1,
-            kind: RecordKind::ErrorFrame { kind: Some(kind), from: None },
+    /// A log of frames, each with its microseconds, and of an error frame.
+    fn log_of(disk: &Disk, format: Format, frames: &[(u64, &str)]) -> Log {
+        let mut log = log(disk, format);
+        for (us, text) in frames {
+            log.record(&frame(*us, text), None).unwrap();
         }
+        let kind = RecordKind::ErrorFrame { kind: Some(ErrorKind::Stuff), from: None };
+        log.record(&Record { start: 0, end: 1, bits: 1, kind }, None).unwrap();
+        log
     }
 
     #[test]
     fn a_line_has_time_interface_and_frame() {
         let disk = disk(1000);
-        let mut log = log(&disk, Format::Candump);
-        for (us, text) in [
+        let frames = [
             (2_512_352, "1404562A#0100A95C00C0"),
             (61_000_001, "123#R4"),
             (61_000_500, "7FF#"),
             (61_000_700, "7FF#1122334455667788_C"),
-        ] {
-            log.record(&frame(us, text), None).unwrap();
-        }
-        log.record(&error(ErrorKind::Stuff), None).unwrap();
+        ];
+        let log = log_of(&disk, Format::Candump, &frames);
         assert_eq!(log.status(), "log to run.log, 4 frames; 1 error frames left out");
         drop(log);
         let text = String::from_utf8(disk.bytes.take()).unwrap();
@@ -209,19 +203,15 @@ mod tests {
     #[test]
     fn the_log_of_transfers_has_a_line_for_each_transfer() {
         let disk = disk(10_000);
-        let mut log = log(&disk, Format::Transfers);
-        for (us, text) in [
+        let frames = [
             (100, "1E0BF8FF#4D0D00014C040084"),
             (300, "1E0BF8FF#0000000000535224"),
             (500, "1E0BF8FF#565F4D494E44"),
             (700, "123#01"),
             (900, "1003F20A#0000000000000020"),
             (950, "17C40409#5A"),
-        ] {
-            log.record(&frame(us, text), None).unwrap();
-        }
-        log.record(&error(ErrorKind::Stuff), None).unwrap();
-        drop(log);
+        ];
+        drop(log_of(&disk, Format::Transfers, &frames));
         let text = String::from_utf8(disk.bytes.take()).unwrap();
         let lines: Vec<_> = text.lines().map(|line| &line[14..]).collect();
         let expected = [
@@ -233,21 +223,6 @@ mod tests {
             "        - error frame: stuff",
         ];
         assert_eq!(lines, expected);
-    }
-
-    #[test]
-    fn a_pcap_has_a_header_and_sixteen_bytes_before_each_packet() {
-        let disk = disk(1000);
-        let mut log = log(&disk, Format::Pcap);
-        log.record(&frame(2_512_352, "1404562A#0100A95C00C0"), None).unwrap();
-        drop(log);
-        let bytes = disk.bytes.take();
-        assert_eq!(bytes.len(), 24 + 16 + 14);
-        let word = |at: usize| u32::from_ne_bytes(bytes[at..at + 4].try_into().unwrap());
-        assert_eq!((word(0), word(20)), (0xA1B2_C3D4, 227));
-        assert_eq!([24, 28, 32, 36].map(word), [2, 512_352, 14, 14]);
-        assert_eq!(bytes[40..48], [0x94, 0x04, 0x56, 0x2A, 6, 0, 0, 0]);
-        assert_eq!(bytes[48..], [0x01, 0x00, 0xA9, 0x5C, 0x00, 0xC0]);
     }
 
     /// A run that is killed must leave its log.
@@ -262,28 +237,17 @@ mod tests {
         assert_eq!(*disk.bytes.borrow(), b"(0.000001) can0 123#01\n");
     }
 
-    /// A log with more lines to write than its disk has room for.
-    fn log_on_a_full_disk() -> (Log, Bench) {
-        let mut log = log(&disk(30), Format::Candump);
-        for us in 0..2 {
-            log.record(&frame(us, "123#01"), None).unwrap();
+    #[test]
+    fn a_full_disk_is_an_error_that_names_the_file_also_at_the_end_of_the_run() {
+        let two = [(0, "123#01"), (1, "123#01")];
+        let mut bench = Bench::new(1_000_000);
+        for at_end in [false, true] {
+            let mut log = log_of(&disk(30), Format::Candump, &two);
+            let result = if at_end { log.finish(&mut bench) } else { log.serve(&mut bench) };
+            let error = format!("{:#}", result.unwrap_err());
+            assert!(error.starts_with("cannot write run.log: "), "{at_end}: {error}");
+            log.finish(&mut bench).expect("reported once");
         }
-        (log, Bench::new(1_000_000))
-    }
-
-    #[test]
-    fn a_full_disk_is_an_error_that_names_the_file() {
-        let (mut log, mut bench) = log_on_a_full_disk();
-        let error = log.serve(&mut bench).unwrap_err();
-        assert!(format!("{error:#}").starts_with("cannot write run.log: "), "{error:#}");
-    }
-
-    #[test]
-    fn a_disk_that_is_full_at_the_end_of_the_run_is_an_error() {
-        let (mut log, mut bench) = log_on_a_full_disk();
-        let error = log.finish(&mut bench).unwrap_err();
-        assert!(format!("{error:#}").starts_with("cannot write run.log: "), "{error:#}");
-        log.finish(&mut bench).expect("reported once");
     }
 
     #[test]

@@ -358,10 +358,20 @@ mod tests {
         File::options().read(true).write(true).open(path).unwrap()
     }
 
+    fn port(hold: Hold) -> (Scratch, Pty) {
+        let scratch = Scratch::new();
+        let pty = Pty::open(&scratch.path("port"), hold).unwrap();
+        (scratch, pty)
+    }
+
+    fn openings(pty: &mut Pty) -> (u64, bool) {
+        let Openings { count, is_open } = pty.take_openings();
+        (count, is_open)
+    }
+
     #[test]
     fn bytes_pass_unchanged_in_both_directions() {
-        let scratch = Scratch::new();
-        let pty = Pty::open(&scratch.path("port"), Hold::Open).unwrap();
+        let (_scratch, pty) = port(Hold::Open);
         let mut client = client(pty.path());
         let every_byte: Vec<u8> = (0..=255).collect();
         client.write_all(&every_byte).unwrap();
@@ -374,21 +384,12 @@ mod tests {
     }
 
     #[test]
-    fn dropping_the_port_removes_its_link() {
-        let scratch = Scratch::new();
-        let path = scratch.path("port");
-        let pty = Pty::open(&path, Hold::Open).unwrap();
-        assert!(fs::symlink_metadata(&path).unwrap().is_symlink());
-        drop(pty);
-        assert!(fs::symlink_metadata(&path).is_err());
-    }
-
-    #[test]
     fn a_stale_link_is_replaced_and_anything_else_is_not() {
         let scratch = Scratch::new();
         let path = scratch.path("port");
         symlink("/dev/pts/99999", &path).unwrap();
         drop(Pty::open(&path, Hold::Open).unwrap());
+        assert!(fs::symlink_metadata(&path).is_err(), "the link is there after the port's end");
         fs::write(&path, "a thesis").unwrap();
         let error = Pty::open(&path, Hold::Open).unwrap_err().to_string();
         assert!(error.contains("choose another path"), "{error}");
@@ -401,12 +402,11 @@ mod tests {
 
     #[test]
     fn a_name_in_use_is_rejected_and_free_afterwards() {
-        let scratch = Scratch::new();
+        let (scratch, first) = port(Hold::Open);
         let path = scratch.path("port");
-        let first = Pty::open(&path, Hold::Open).unwrap();
         let error = Pty::open(&path, Hold::Open).unwrap_err().to_string();
         assert!(error.contains("another sim"), "{error}");
-        assert!(fs::symlink_metadata(&path).is_ok());
+        assert!(fs::symlink_metadata(&path).unwrap().is_symlink());
         drop(first);
         // A process that another test has just forked holds the name until it runs its program.
         let end = Instant::now() + Duration::from_secs(10);
@@ -416,42 +416,29 @@ mod tests {
     }
 
     #[test]
-    fn a_released_port_counts_its_openings() {
-        let scratch = Scratch::new();
-        let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
-        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: false }, "its own opening");
+    fn a_released_port_counts_its_openings_and_is_open_until_the_last_program_closes_it() {
+        let (_scratch, mut pty) = port(Hold::Released);
+        assert_eq!(openings(&mut pty), (0, false), "its own opening");
         let first = client(pty.path());
-        assert_eq!(pty.take_openings(), Openings { count: 1, is_open: true });
+        assert_eq!(openings(&mut pty), (1, true));
         drop(first);
-        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: false });
+        assert_eq!(openings(&mut pty), (0, false));
         drop(client(pty.path()));
-        let _third = client(pty.path());
-        assert_eq!(pty.take_openings(), Openings { count: 2, is_open: true });
-        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: true });
-    }
-
-    #[test]
-    fn a_port_is_open_until_the_last_program_closes_it() {
-        let scratch = Scratch::new();
-        let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
         let clients: Vec<_> = (0..3).map(|_| client(pty.path())).collect();
+        assert_eq!(openings(&mut pty), (2, true));
         let last = File::open(pty.path()).unwrap();
         drop(clients);
         drop(client(pty.path()));
-        assert_eq!(pty.take_openings(), Openings { count: 1, is_open: true });
+        assert_eq!(openings(&mut pty), (0, true));
         drop(last);
-        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: false });
+        assert_eq!(openings(&mut pty), (0, false));
     }
 
     #[test]
     fn the_state_is_right_after_more_openings_than_the_kernel_can_queue() {
-        let scratch = Scratch::new();
-        let mut pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
-        let limit: usize = fs::read_to_string("/proc/sys/fs/inotify/max_queued_events")
-            .unwrap()
-            .trim()
-            .parse()
-            .unwrap();
+        let (_scratch, mut pty) = port(Hold::Released);
+        let limit = fs::read_to_string("/proc/sys/fs/inotify/max_queued_events").unwrap();
+        let limit: usize = limit.trim().parse().unwrap();
         // Each event comes twice. These clients open the port before the queue is full, and close
         // it after.
         let crowd: Vec<_> = (0..100).map(|_| client(pty.path())).collect();
@@ -459,16 +446,15 @@ mod tests {
             client(pty.path());
         }
         drop(crowd);
-        let openings = pty.take_openings();
-        assert!(openings.count >= 1 && !openings.is_open, "{openings:?}");
+        let (count, is_open) = openings(&mut pty);
+        assert!(count >= 1 && !is_open, "{count} {is_open}");
         let _client = client(pty.path());
-        assert_eq!(pty.take_openings(), Openings { count: 1, is_open: true });
+        assert_eq!(openings(&mut pty), (1, true));
     }
 
     #[test]
     fn a_renewed_port_is_empty() {
-        let scratch = Scratch::new();
-        let pty = Pty::open(&scratch.path("port"), Hold::Released).unwrap();
+        let (_scratch, pty) = port(Hold::Released);
         client(pty.path()).write_all(b"unread").unwrap();
         assert_eq!(pty.write(b"unread"), 6);
         pty.renew();
@@ -482,23 +468,18 @@ mod tests {
 
     #[test]
     fn a_held_port_stays_open_when_its_client_closes_it() {
-        let scratch = Scratch::new();
-        let mut pty = Pty::open(&scratch.path("port"), Hold::Open).unwrap();
+        let (_scratch, mut pty) = port(Hold::Open);
         client(pty.path()).write_all(b"first").unwrap();
         assert_eq!(pty.read(), b"first");
-        assert_eq!(pty.take_openings(), Openings { count: 0, is_open: true });
+        assert_eq!(openings(&mut pty), (0, true));
         client(pty.path()).write_all(b"second").unwrap();
         assert_eq!(pty.read(), b"second");
     }
 
     #[test]
     fn a_client_that_never_reads_does_not_block() {
-        let scratch = Scratch::new();
-        let pty = Pty::open(&scratch.path("port"), Hold::Open).unwrap();
-        let mut taken = 0;
-        for _ in 0..100 {
-            taken += pty.write(&[b'x'; 1024]);
-        }
+        let (_scratch, pty) = port(Hold::Open);
+        let taken: usize = (0..100).map(|_| pty.write(&[b'x'; 1024])).sum();
         assert!((1024..100 * 1024).contains(&taken), "{taken}");
         let mut client = client(pty.path());
         pty.discard_unread();

@@ -174,9 +174,7 @@ impl Link for Script {
 mod tests {
     use super::*;
     use crate::fault::Fault;
-    use crate::links::log::Log;
     use crate::links::scratch::Scratch;
-    use bench::can::{Frame, RecordKind};
 
     const S: Cycles = F_CPU_HZ;
 
@@ -203,62 +201,6 @@ mod tests {
         assert_eq!(script.take_events(S / 1000), [(S / 1000, BenchEvent::Button(true))]);
         assert_eq!(script.take_events(S), [(S / 500, BenchEvent::Fault(Fault::Cable))]);
         assert_eq!(script.next_event_at(), None);
-    }
-
-    /// Runs a bus with a listener, logs it, and returns the frames on the bus.
-    fn run(bench: &mut Bench, script: Option<&mut Script>, log: &Path) -> Vec<(Cycles, Frame)> {
-        let listener = Rc::new(RefCell::new(SoftNode::new(bench.bus().bit_rate())));
-        bench.attach("listener", listener);
-        let mut log = Log::create(log, bench.bus().bit_rate()).unwrap();
-        let mut passed = Vec::new();
-        let mut script = script;
-        for _ in 0..100 {
-            bench.run_for_ms(1);
-            if let Some(script) = &mut script {
-                script.serve(bench).unwrap();
-            }
-            for record in bench.bus().take_records() {
-                log.record(&record, None).unwrap();
-                if let RecordKind::Frame { frame, .. } = record.kind {
-                    passed.push((record.start, frame));
-                }
-            }
-            log.serve(bench).unwrap();
-        }
-        passed
-    }
-
-    /// Two stations arbitrate, with bursts back to back and every kind of frame.
-    #[test]
-    fn the_log_of_a_run_plays_the_same_frames_at_the_same_times() {
-        for bit_rate in [1_000_000, 125_000] {
-            let directory = Scratch::new();
-            let mut bench = Bench::new(bit_rate);
-            for station in 0..2 {
-                let node = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
-                bench.attach("talker", node.clone());
-                for number in 0..40_u32 {
-                    let id = 0x1000_0000 + 7919 * (number % 13) + station;
-                    let data = number.to_le_bytes();
-                    let frame = match number % 4 {
-                        0 => Frame::standard((id & 0x7FF) as u16, &data[..3]),
-                        1 => Frame::remote(bench::can::Id::Extended(id), 4),
-                        2 => Frame::extended(id, &[number as u8; 8]),
-                        _ => Frame::extended(id, &data),
-                    };
-                    node.borrow_mut().send_at(u64::from(number / 8 * 10_007), frame);
-                }
-            }
-            let first = run(&mut bench, None, &directory.path("first.log"));
-            assert_eq!(first.len(), 80);
-            let mut bench = Bench::new(bit_rate);
-            let mut script = Script::open(&directory.path("first.log"), &mut bench).unwrap();
-            let second = run(&mut bench, Some(&mut script), &directory.path("second.log"));
-            assert_eq!(second, first);
-            assert_eq!(script.frames_left(), 0);
-            let text = |name: &str| std::fs::read_to_string(directory.path(name)).unwrap();
-            assert_eq!(text("first.log"), text("second.log"));
-        }
     }
 
     /// The hint after a run of 10 ms with a script of this text.

@@ -186,14 +186,18 @@ mod tests {
     const STATUS_OF_10: u32 = 0x1001_550A;
     const COMMAND_OF_1: u32 = 0x0803_F201;
 
-    fn record(frame: Frame, end: Cycles) -> Record {
-        let bits = frame.bit_count() - 3;
-        Record {
-            start: end - 1,
-            end,
-            bits,
-            kind: RecordKind::Frame { frame, from: None, acked: true },
+    fn extended(id: u32, data: &[u8]) -> Frame {
+        Frame::extended(id, data)
+    }
+
+    /// The load of frames, each with its end.
+    fn load(frames: impl IntoIterator<Item = (Cycles, Frame)>) -> LoadByType {
+        let mut load = LoadByType::new(1_000_000);
+        for (end, frame) in frames {
+            let kind = RecordKind::Frame { frame, from: None, acked: true };
+            load.record(&Record { start: end - 1, end, bits: frame.bit_count() - 3, kind });
         }
+        load
     }
 
     fn words(line: &str) -> Vec<&str> {
@@ -202,110 +206,67 @@ mod tests {
 
     #[test]
     fn loads_are_told_apart_by_node_and_type_the_heaviest_first() {
-        let mut load = LoadByType::new(1_000_000);
-        let (status, command) =
-            (Frame::extended(STATUS_OF_10, &[0; 8]), Frame::extended(COMMAND_OF_1, &[0; 5]));
-        for ms in 1..=50 {
-            load.record(&record(command, ms * 20 * F_CPU_HZ / 1000));
-        }
-        load.record(&record(status, F_CPU_HZ));
+        let (status, command) = (extended(STATUS_OF_10, &[0; 8]), extended(COMMAND_OF_1, &[0; 5]));
+        let commands = (1..=50).map(|ms| (ms * 20 * F_CPU_HZ / 1000, command));
+        let mut load = load(commands.chain([(F_CPU_HZ, status)]));
         let lines = load.lines(F_CPU_HZ, 80, 10);
         let (all, each) = (50 * command.bit_count() + status.bit_count(), command.bit_count());
-        assert_eq!(
-            words(&lines[1]),
-            ["all", "51", &all.to_string(), &format!("{:.2}", f64::from(all) / 1e4)]
-        );
+        let percent = format!("{:.2}", f64::from(all) / 1e4);
+        assert_eq!(words(&lines[1]), ["all", "51", &all.to_string(), &percent]);
         assert_eq!(words(&lines[2])[..4], ["1", "ArrayCommand", "50", &(50 * each).to_string()]);
         assert_eq!(words(&lines[3])[..3], ["10", "NodeStatus", "1"]);
         assert_eq!(lines.len(), 4);
     }
 
+    /// In the first half second of a run one frame counts as two a second.
     #[test]
-    fn what_is_older_than_a_second_is_forgotten() {
-        let mut load = LoadByType::new(1_000_000);
-        load.record(&record(Frame::extended(STATUS_OF_10, &[0; 8]), F_CPU_HZ));
+    fn what_is_older_than_a_second_is_forgotten_and_a_shorter_run_is_scaled() {
+        let status = extended(STATUS_OF_10, &[0; 8]);
+        assert_eq!(words(&load([(1000, status)]).lines(F_CPU_HZ / 2, 80, 10)[2])[2], "2");
+        let mut load = load([(F_CPU_HZ, status)]);
         assert_eq!(load.lines(2 * F_CPU_HZ - 1, 80, 10).len(), 3);
         assert_eq!(load.lines(2 * F_CPU_HZ, 80, 10).len(), 2);
         assert_eq!((load.window.len(), load.sums.len()), (0, 0));
     }
 
-    /// In the first half second of a run one frame counts as two a second.
     #[test]
-    fn a_run_shorter_than_a_second_is_scaled() {
-        let mut load = LoadByType::new(1_000_000);
-        load.record(&record(Frame::extended(STATUS_OF_10, &[0; 8]), 1000));
-        assert_eq!(words(&load.lines(F_CPU_HZ / 2, 80, 10)[2])[2], "2");
-    }
-
-    #[test]
-    fn services_anonymous_foreign_and_error_frames_have_lines_of_their_own() {
-        let mut load = LoadByType::new(125_000);
-        load.record(&record(Frame::extended(0x1E01_AAF8, &[0xC0]), 100));
-        load.record(&record(Frame::extended(0x1E01_2A55 & !0x7F | 0x80 | 0x2A, &[0xC0]), 200));
-        load.record(&record(Frame::extended(0x1855_5100, &[0xC0]), 300));
-        load.record(&record(Frame::standard(0x123, &[1]), 400));
-        load.record(&Record {
-            start: 0,
-            end: 500,
-            bits: 30,
-            kind: RecordKind::ErrorFrame { kind: None, from: None },
-        });
-        let text = load.lines(F_CPU_HZ, 80, 10).join("\n");
-        for expected in [
-            " 120 GetNodeInfo request",
-            "  42 GetNodeInfo response",
-            "anon Allocation",
-            "   - not DroneCAN",
-            "   - error frames",
-        ] {
-            assert!(text.contains(expected), "{expected} is missing:\n{text}");
-        }
-    }
-
-    #[test]
-    fn frames_of_the_draft_are_attributed_as_such() {
-        let mut load = LoadByType::new(1_000_000);
-        load.record(&record(Frame::extended(0x17C4_0409, &[90]), 100));
-        load.record(&record(Frame::extended(0x1003_F20A, &[1, 0, 0, 0x38, 0xC7]), 200));
-        load.record(&record(Frame::extended(0x1139_E005, &[0x7F; 8]), 300));
-        let text = load.lines(F_CPU_HZ, 80, 10).join("\n");
-        for expected in
-            ["   1 draft.ThesisCommand", "  10 ArrayCommand", " 120 draft.GetNodeInfo response"]
-        {
+    fn services_anonymous_foreign_error_and_draft_frames_have_lines_of_their_own() {
+        let frames = [
+            (extended(0x1E01_AAF8, &[0xC0]), " 120 GetNodeInfo request"),
+            (extended(0x1E01_2AAA, &[0xC0]), "  42 GetNodeInfo response"),
+            (extended(0x1855_5100, &[0xC0]), "anon Allocation"),
+            (Frame::standard(0x123, &[1]), "   - not DroneCAN"),
+            (extended(0x17C4_0409, &[90]), "   1 draft.ThesisCommand"),
+            (extended(0x1003_F20A, &[1, 0, 0, 0x38, 0xC7]), "  10 ArrayCommand"),
+            (extended(0x1139_E005, &[0x7F; 8]), " 120 draft.GetNodeInfo response"),
+        ];
+        let mut load = load((1..).map(|number| number * 100).zip(frames.map(|(frame, _)| frame)));
+        let kind = RecordKind::ErrorFrame { kind: None, from: None };
+        load.record(&Record { start: 0, end: 900, bits: 30, kind });
+        let text = load.lines(F_CPU_HZ, 80, 20).join("\n");
+        for expected in frames.iter().map(|(_, line)| *line).chain(["   - error frames"]) {
             assert!(text.contains(expected), "{expected} is missing:\n{text}");
         }
     }
 
     #[test]
     fn the_table_keeps_to_its_size_and_sums_up_the_rest() {
-        let mut load = LoadByType::new(1_000_000);
-        for node in 1..=100 {
-            load.record(&record(
-                Frame::extended(0x1001_5500 | node, &[0; 8]),
-                1000 + u64::from(node),
-            ));
-        }
+        let frame = |node: u32| (1000 + u64::from(node), extended(0x1001_5500 | node, &[0; 8]));
+        let mut load = load((1..=100).map(frame));
         let lines = load.lines(F_CPU_HZ, 80, 10);
         assert_eq!(lines.len(), 10);
         assert_eq!(words(&lines[9])[..3], ["93", "more", "93"]);
         for (width, height) in [(0, 0), (10, 1), (30, 2), (1, 3), (200, 4), (80, 200)] {
             let lines = load.lines(F_CPU_HZ, width, height);
-            assert!(
-                lines.len() <= height && lines.iter().all(|line| line.len() <= width),
-                "{width} x {height}"
-            );
+            let fit = lines.len() <= height && lines.iter().all(|line| line.len() <= width);
+            assert!(fit, "{width} x {height}");
         }
     }
 
     #[test]
     fn names_stay_bounded_when_types_are_invented() {
-        let mut load = LoadByType::new(1_000_000);
-        for type_id in 0..2000 {
-            load.record(&record(
-                Frame::extended(0x1000_0001 | (30_000 + type_id) << 8, &[0]),
-                1000,
-            ));
-        }
+        let frame = |type_id: u32| (1000, extended(0x1000_0001 | (30_000 + type_id) << 8, &[0]));
+        let mut load = load((0..2000).map(frame));
         assert_eq!(load.names.len(), 513);
         assert!(load.lines(F_CPU_HZ, 80, 5)[2].contains("(other)"));
     }
@@ -320,11 +281,11 @@ mod tests {
         }
         for (at, node) in nodes.iter().enumerate() {
             for count in 0..200 {
-                node.borrow_mut().send(Frame::extended(STATUS_OF_10 + at as u32, &[count; 8]));
+                node.borrow_mut().send(extended(STATUS_OF_10 + at as u32, &[count; 8]));
             }
         }
         bus.run_until(F_CPU_HZ);
-        let mut load = LoadByType::new(1_000_000);
+        let mut load = load([]);
         bus.take_records().iter().for_each(|record| load.record(record));
         let lines = load.lines(F_CPU_HZ, 80, 10);
         assert_eq!(words(&lines[1])[1..3], ["600", &bus.stats().busy_bits.to_string()]);

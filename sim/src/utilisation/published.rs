@@ -210,15 +210,8 @@ mod tests {
         let mut out = Vec::new();
         print(&mut out).unwrap();
         let text = String::from_utf8(out).unwrap();
-        let total: Vec<&str> = text
-            .split("total")
-            .nth(1)
-            .unwrap()
-            .lines()
-            .nth(2)
-            .unwrap()
-            .split_whitespace()
-            .collect();
+        let (_, after) = text.split_once("total").unwrap();
+        let total: Vec<&str> = after.lines().nth(2).unwrap().split_whitespace().collect();
         assert_eq!(total, ["57.408", "28.704", "14.352", "7.176"]);
     }
 

@@ -340,6 +340,7 @@ mod tests {
             ("NodeStatus=123@1", "pairs"),
             ("NodeStatus:513@1", "0 to 512"),
             ("NodeStatus:8@1", "7 bytes, not 8"),
+            ("ArrayCommand:61@1", "not 61"),
             ("NodeStatus=2A00000000000000@1", "7 bytes, not 8"),
             ("debug.LogMessage:0@1", "not 0"),
             ("GetNodeInfo:500@1", "not 500"),

@@ -1,6 +1,7 @@
 //! Tests of the command as a user types it.
 
 use super::*;
+use crate::links::scratch::Scratch;
 use clap::{CommandFactory, Parser};
 
 #[derive(Debug, Parser)]
@@ -38,22 +39,12 @@ fn row<'a>(text: &'a str, label: &str) -> Vec<&'a str> {
     line.split_whitespace().collect()
 }
 
-/// A file that is removed at the end of the test.
-struct Scratch(PathBuf);
-
-impl Scratch {
-    fn new(name: &str, text: &str) -> Scratch {
-        let path =
-            std::env::temp_dir().join(format!("sim-utilisation-{}-{name}", std::process::id()));
-        std::fs::write(&path, text).unwrap();
-        Scratch(path)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_file(&self.0);
-    }
+/// A file with a text, in a directory that is removed on drop.
+fn file(text: &str) -> (Scratch, String) {
+    let scratch = Scratch::new();
+    let path = scratch.path("vehicle.txt");
+    std::fs::write(&path, text).unwrap();
+    (scratch, path.to_str().unwrap().to_owned())
 }
 
 #[test]
@@ -63,12 +54,12 @@ fn the_command_line_is_consistent() {
 
 #[test]
 fn every_example_of_the_help_works() {
-    let vehicle = Scratch::new("help", "NodeStatus@1\n");
+    let (_scratch, vehicle) = file("NodeStatus@1\n");
     let lines: Vec<_> =
         EXAMPLES.lines().filter_map(|line| line.trim().strip_prefix("sim utilisation ")).collect();
     assert!(lines.len() >= 6);
     for line in lines {
-        let line = line.replace("vehicle.txt", vehicle.0.to_str().unwrap());
+        let line = line.replace("vehicle.txt", &vehicle);
         assert!(!typed(&format!("utilisation {line}")).unwrap().is_empty(), "{line}");
     }
 }
@@ -97,29 +88,20 @@ fn the_quadcopter_takes_at_least_what_is_published() {
 }
 
 #[test]
-fn an_overloaded_bus_causes_a_warning() {
-    let text = typed("utilisation --example quadcopter --bit-rate 125000").unwrap();
-    assert!(
-        text.contains("WARNING") && text.contains("The heaviest is esc.RawCommand[4]"),
-        "{text}"
-    );
-}
-
-#[test]
-fn every_example_can_be_planned() {
+fn every_example_can_be_planned_and_an_overloaded_bus_causes_a_warning() {
     for example in ["quadcopter", "thesis", "ardupilot-15-servos"] {
         let text = typed(&format!("utilisation --example {example}")).unwrap();
         assert!(text.contains("Fine"), "{text}");
     }
+    let text = typed("utilisation --example quadcopter --bit-rate 125000").unwrap();
+    assert!(text.contains("WARNING"), "{text}");
+    assert!(text.contains("The heaviest is esc.RawCommand[4]"), "{text}");
 }
 
 #[test]
 fn a_file_gives_messages_and_bit_rate_and_options_come_on_top() {
-    let file = Scratch::new(
-        "file",
-        "# my vehicle\nbit-rate 250000\n4x esc.Status@50   # ESCs\n\nNodeStatus@1\n",
-    );
-    let path = file.0.display();
+    let text = "# my vehicle\nbit-rate 250000\n4x esc.Status@50   # ESCs\n\nNodeStatus@1\n";
+    let (_scratch, path) = file(text);
     let text = typed(&format!("utilisation --file {path} --message Temperature@1")).unwrap();
     assert!(text.contains("at 250000 bit/s"), "{text}");
     assert_eq!(row(&text, "esc.Status")[..6], ["4", "esc.Status", "50", "14", "3", "353"]);
@@ -130,12 +112,11 @@ fn a_file_gives_messages_and_bit_rate_and_options_come_on_top() {
 
 #[test]
 fn mistakes_in_a_file_are_reported_with_their_line() {
-    for (name, content, place) in [
-        ("wrong", "NodeStatus@1\nNonsense@1\n", "line 2"),
-        ("rate", "bit-rate fast\n", "10000 to 1000000"),
-    ] {
-        let file = Scratch::new(name, content);
-        let error = typed(&format!("utilisation --file {}", file.0.display())).unwrap_err();
+    for (content, place) in
+        [("NodeStatus@1\nNonsense@1\n", "line 2"), ("bit-rate fast\n", "10000 to 1000000")]
+    {
+        let (_scratch, path) = file(content);
+        let error = typed(&format!("utilisation --file {path}")).unwrap_err();
         assert!(format!("{error:#}").contains(place), "{error:#}");
     }
     let error = typed("utilisation --file /nonexistent/plan").unwrap_err();

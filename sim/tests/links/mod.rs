@@ -3,45 +3,21 @@
 
 #![allow(dead_code, reason = "each test file uses some of these")]
 
-use std::fs::{self, File};
+use std::fs::File;
 use std::io::{Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
-use std::process::Command;
-use std::sync::atomic::{AtomicU32, Ordering};
 
+use crate::avr::compile_to;
 use bench::Bench;
-use bench::F_CPU_HZ;
 use rustix::fs::OFlags;
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use sim::links::Link;
 
-/// CPU cycles of a millisecond.
-pub const MS: u64 = F_CPU_HZ / 1000;
+#[path = "../../src/links/scratch.rs"]
+mod scratch;
 
-/// A temporary directory. Removed on drop.
-pub struct Scratch(PathBuf);
-
-impl Scratch {
-    pub fn new() -> Scratch {
-        static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name =
-            format!("sim-test-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
-        let directory = std::env::temp_dir().join(name);
-        fs::create_dir_all(&directory).expect("a temporary directory");
-        Scratch(directory)
-    }
-
-    pub fn path(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for Scratch {
-    fn drop(&mut self) {
-        let _ = fs::remove_dir_all(&self.0);
-    }
-}
+pub use scratch::Scratch;
 
 /// A program that has a port open.
 pub struct Client(File);
@@ -116,16 +92,6 @@ pub fn elf_for(scratch: &Scratch, name: &str, chip: &str) -> PathBuf {
 #[track_caller]
 pub fn elf_with(scratch: &Scratch, name: &str, chip: &str, defines: &[&str]) -> PathBuf {
     let elf = scratch.path("program.elf");
-    let source = bench::root().join(format!("sim/bench/tests/avr/{name}.c"));
-    let compiled = Command::new("avr-gcc")
-        .arg(format!("-mmcu={chip}"))
-        .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
-        .args(defines.iter().map(|define| format!("-D{define}")))
-        .arg(&source)
-        .arg("-o")
-        .arg(&elf)
-        .status()
-        .expect("avr-gcc, which the Makefile installs");
-    assert!(compiled.success(), "{} does not compile", source.display());
+    compile_to(&elf, chip, name, defines, &[]);
     elf
 }

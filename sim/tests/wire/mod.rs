@@ -3,40 +3,19 @@
 
 #![allow(dead_code, reason = "each test file uses some of these")]
 
+use crate::avr::MS;
+use bench::Cycles;
 use bench::autopilot::{Autopilot, Settings};
 use bench::board::Board;
 use bench::can::{Frame, Id, Record, RecordKind, SoftNode};
 use bench::{Bench, eeprom_after_first_start, node_elf};
-use bench::{Cycles, F_CPU_HZ};
 use std::cell::RefCell;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Stdio};
 use std::rc::Rc;
 use std::sync::OnceLock;
 
 pub const BIT_RATE: u32 = 1_000_000;
-pub const MS: Cycles = F_CPU_HZ / 1000;
-
-/// A temporary directory. Removed on drop.
-pub struct Directory(PathBuf);
-
-impl Directory {
-    pub fn new(test: &str) -> Directory {
-        let path = std::env::temp_dir().join(format!("sim-wire-{test}-{}", std::process::id()));
-        std::fs::create_dir_all(&path).unwrap();
-        Directory(path)
-    }
-
-    pub fn file(&self, name: &str) -> PathBuf {
-        self.0.join(name)
-    }
-}
-
-impl Drop for Directory {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
-    }
-}
 
 /// A bench with the node, an autopilot, and a peer.
 pub struct Rig {

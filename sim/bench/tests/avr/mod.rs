@@ -72,68 +72,65 @@ pub fn read(chip: Chip, name: &str, defines: &[&str]) -> Result<Firmware> {
 
 #[track_caller]
 fn compile(chip: Chip, name: &str, defines: &[&str], options: &[&str]) -> Result<Firmware> {
-    build("avr-gcc", |line| {
-        line.arg(format!("-mmcu={}", chip.name()))
-            .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
-            .args(defines.iter().map(|define| format!("-D{define}")))
-            .args(options)
-            .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.c")));
-    })
+    built(|elf| compile_to(elf, chip.name(), name, defines, options))
+}
+
+/// Compiles `tests/avr/<name>.c` for a chip to a file, with macros defined.
+#[track_caller]
+pub fn compile_to(elf: &Path, chip: &str, name: &str, defines: &[&str], options: &[&str]) {
+    let mut line = Command::new("avr-gcc");
+    line.arg(format!("-mmcu={chip}"))
+        .args(["-DF_CPU=16000000UL", "-Os", "-Wall", "-Wextra", "-Werror", "-std=gnu11"])
+        .args(defines.iter().map(|define| format!("-D{define}")))
+        .args(options)
+        .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.c")));
+    run(line, elf);
 }
 
 /// Compiles `tests/avr/<name>.cpp` with Arduino's core and its library Wire. Returns an Uno with
 /// it, just powered on.
 #[track_caller]
 pub fn sketch(name: &str) -> Avr {
-    let firmware = build("avr-gcc", |line| sketch_arguments(line, name, &[]));
-    Avr::with_firmware(&firmware.expect("an ELF file")).expect("a program that fits")
+    let firmware = built(|elf| sketch_to(elf, name, &[])).expect("an ELF file");
+    Avr::with_firmware(&firmware).expect("a program that fits")
 }
 
-/// The same to a file.
+/// The same to a file, with macros defined.
 #[track_caller]
 pub fn sketch_to(elf: &Path, name: &str, defines: &[&str]) {
-    let mut line = Command::new("avr-gcc");
-    sketch_arguments(&mut line, name, defines);
-    assert!(line.arg("-o").arg(elf).status().expect("avr-gcc").success(), "{line:?} fails");
-}
-
-fn sketch_arguments(line: &mut Command, name: &str, defines: &[&str]) {
     let arduino = Path::new("/usr/share/arduino/hardware/arduino/avr");
     assert!(arduino.exists(), "arduino-core-avr is missing: \"make test\" installs it");
     let folders = ["cores/arduino", "variants/standard", "libraries/Wire/src"];
     let core = "main.cpp hooks.c wiring.c wiring_digital.c Print.cpp Stream.cpp abi.cpp \
                 HardwareSerial.cpp HardwareSerial0.cpp";
-    line.args([
-        "-mmcu=atmega328p",
-        "-std=gnu++11",
-        "-DF_CPU=16000000UL",
-        "-DARDUINO=10819",
-        "-Os",
-        "-w",
-    ])
-    .args(["-fpermissive", "-ffunction-sections", "-fdata-sections", "-Wl,--gc-sections"])
-    .args(folders.map(|folder| format!("-I{}", arduino.join(folder).display())))
-    .args(defines.iter().map(|define| format!("-D{define}")))
-    .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.cpp")))
-    .args(core.split_whitespace().map(|file| arduino.join(folders[0]).join(file)))
-    .args(["Wire.cpp", "utility/twi.c"].map(|file| arduino.join(folders[2]).join(file)));
+    let options = "-mmcu=atmega328p -std=gnu++11 -DF_CPU=16000000UL -DARDUINO=10819 -Os -w \
+                   -fpermissive -ffunction-sections -fdata-sections -Wl,--gc-sections";
+    let mut line = Command::new("avr-gcc");
+    line.args(options.split_whitespace())
+        .args(folders.map(|folder| format!("-I{}", arduino.join(folder).display())))
+        .args(defines.iter().map(|define| format!("-D{define}")))
+        .arg(bench::root().join(format!("sim/bench/tests/avr/{name}.cpp")))
+        .args(core.split_whitespace().map(|file| arduino.join(folders[0]).join(file)))
+        .args(["Wire.cpp", "utility/twi.c"].map(|file| arduino.join(folders[2]).join(file)));
+    run(line, elf);
 }
 
-/// Calls a compiler in a directory of its own, and reads what it makes.
 #[track_caller]
-fn build(compiler: &str, arguments: impl FnOnce(&mut Command)) -> Result<Firmware> {
+fn run(mut line: Command, elf: &Path) {
+    let compiled = line.arg("-o").arg(elf).status();
+    let compiled = compiled.unwrap_or_else(|error| panic!("avr-gcc: {error}: make test"));
+    assert!(compiled.success(), "{line:?} fails");
+}
+
+/// Reads what `make` puts into a temporary file.
+#[track_caller]
+fn built(make: impl FnOnce(&Path)) -> Result<Firmware> {
     static NEXT: AtomicU32 = AtomicU32::new(0);
     let unique = format!("sim-avr-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
-    let directory = std::env::temp_dir().join(unique);
-    std::fs::create_dir_all(&directory).expect("a temporary directory");
-    let elf = directory.join("program.elf");
-    let mut line = Command::new(compiler);
-    arguments(&mut line);
-    let compiled = line.arg("-o").arg(&elf).status();
-    let compiled = compiled.unwrap_or_else(|error| panic!("{compiler}: {error}: make test"));
-    assert!(compiled.success(), "{line:?} fails");
+    let elf = std::env::temp_dir().join(unique);
+    make(&elf);
     let firmware = Firmware::read(&elf);
-    std::fs::remove_dir_all(&directory).expect("the temporary directory removed");
+    std::fs::remove_file(&elf).expect("the temporary file removed");
     firmware
 }
 
