@@ -156,13 +156,8 @@ mod tests {
         writer.finish(1_000_000).unwrap();
         drop(writer);
         let text = String::from_utf8(out).unwrap();
-        let code = text
-            .lines()
-            .find(|line| line.contains(&format!(" {wire} ")))
-            .unwrap()
-            .split(' ')
-            .nth(3)
-            .unwrap();
+        let variable = text.lines().find(|line| line.contains(&format!(" {wire} "))).unwrap();
+        let code = variable.split(' ').nth(3).unwrap();
         let (mut at, mut changes) = (0, Vec::new());
         for line in text.split_once("$dumpvars").unwrap().1.lines() {
             if let Some(time) = line.strip_prefix('#') {
@@ -201,26 +196,24 @@ mod tests {
         SpiByte { mosi: 0b1010_0000, start: 100, end: 116, cycles_per_bit: 2, mode }
     }
 
-    #[test]
-    fn in_mode_0_data_changes_at_the_falling_edge_and_is_stable_at_the_rising_one() {
-        let clock = drawn("SCK", |writer| draw_spi(writer, &byte(0), 0));
-        let rising: Vec<_> =
-            clock.iter().filter(|(_, level)| *level == '1').map(|(at, _)| *at).collect();
-        assert_eq!(rising, [101, 103, 105, 107, 109, 111, 113, 115]);
-        assert_eq!((clock[0], clock.last()), ((100, '0'), Some(&(116, '0'))));
-        let data = drawn("MOSI", |writer| draw_spi(writer, &byte(0), 0));
-        assert_eq!(data, [(100, '1'), (102, '0'), (104, '1'), (106, '0')]);
+    /// The wire for a byte on the SPI, and the times at which it has `level`.
+    fn spi(wire: &str, mode: u8, miso: u8, level: char) -> (Vec<(Cycles, char)>, Vec<Cycles>) {
+        let changes = drawn(wire, |writer| draw_spi(writer, &byte(mode), miso));
+        let at = changes.iter().filter(|change| change.1 == level).map(|change| change.0).collect();
+        (changes, at)
     }
 
     #[test]
-    fn in_mode_3_the_clock_idles_high_and_data_changes_at_the_falling_edge() {
-        let clock = drawn("SCK", |writer| draw_spi(writer, &byte(3), 0));
-        let falling: Vec<_> =
-            clock.iter().filter(|(_, level)| *level == '0').map(|(at, _)| *at).collect();
+    fn data_changes_at_the_falling_edge_in_mode_0_and_in_mode_3_whose_clock_idles_high() {
+        let (clock, rising) = spi("SCK", 0, 0, '1');
+        assert_eq!(rising, [101, 103, 105, 107, 109, 111, 113, 115]);
+        assert_eq!((clock[0], clock.last()), ((100, '0'), Some(&(116, '0'))));
+        let (data, _) = spi("MOSI", 0, 0, '1');
+        assert_eq!(data, [(100, '1'), (102, '0'), (104, '1'), (106, '0')]);
+        let (clock, falling) = spi("SCK", 3, 0, '0');
         assert_eq!(falling, [100, 102, 104, 106, 108, 110, 112, 114]);
         assert_eq!(clock.last(), Some(&(115, '1')));
-        let data = drawn("MISO", |writer| draw_spi(writer, &byte(3), 0x01));
-        assert_eq!(data, [(100, '0'), (114, '1')]);
+        assert_eq!(spi("MISO", 3, 0x01, '1').0, [(100, '0'), (114, '1')]);
     }
 
     /// 'A' as 8N1: start bit, 0x41 from its lowest bit, stop bit.
@@ -233,23 +226,18 @@ mod tests {
     };
 
     #[test]
-    fn the_bits_of_a_character_are_one_bit_time_apart() {
-        let mut serial = Drawn { txd_to: 0, rxd_to: 0 };
-        let line = drawn("TXD", |writer| serial.draw_serial(writer, &CHARACTER));
+    fn the_bits_of_a_character_are_one_bit_time_apart_and_a_reset_cuts_it_short() {
+        let draw = |characters: &[SerialCharacter]| {
+            let mut serial = Drawn { txd_to: 0, rxd_to: 0 };
+            drawn("TXD", |writer| {
+                characters.iter().for_each(|character| serial.draw_serial(writer, character));
+            })
+        };
         let expected = [(0, '0'), (1, '1'), (2, '0'), (7, '1'), (8, '0'), (9, '1')];
-        assert_eq!(line, expected.map(|(bit, level)| (1000 + 136 * bit, level)));
-    }
-
-    #[test]
-    fn a_reset_cuts_a_character_short() {
-        let mut serial = Drawn { txd_to: 0, rxd_to: 0 };
-        let line = drawn("TXD", |writer| {
-            serial.draw_serial(writer, &CHARACTER);
-            serial.draw_serial(
-                writer,
-                &SerialCharacter { start: 1300, levels: 0, bits: 0, ..CHARACTER },
-            );
-        });
-        assert_eq!(line, [(1000, '0'), (1136, '1'), (1272, '0'), (1300, '1')]);
+        let expected = expected.map(|(bit, level)| (1000 + 136 * bit, level));
+        assert_eq!(draw(&[CHARACTER]), expected);
+        let reset = SerialCharacter { start: 1300, levels: 0, bits: 0, ..CHARACTER };
+        let expected = [(1000, '0'), (1136, '1'), (1272, '0'), (1300, '1')];
+        assert_eq!(draw(&[CHARACTER, reset]), expected);
     }
 }

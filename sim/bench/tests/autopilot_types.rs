@@ -172,38 +172,6 @@ fn ardupilot_leaves_the_throttle_out_of_its_commands_while_disarmed() {
     assert_equal(&bus.run(10), &recorded("ardupilot/rearm-refused", 42.0, 52.0));
 }
 
-/// Priorities and transfers in ten seconds.
-#[track_caller]
-fn assert_types(settings: Settings, is_armed: bool, expected: &[(&str, u8, u32)]) {
-    let mut bus = Bus::new(settings);
-    bus.autopilot.set_armed(is_armed);
-    let found: BTreeSet<_> = bus
-        .run(10)
-        .into_iter()
-        .map(|((name, priority), count)| (name, priority, count.transfers))
-        .collect();
-    let expected =
-        expected.iter().map(|(name, priority, count)| ((*name).to_owned(), *priority, *count));
-    assert_eq!(found, expected.collect());
-}
-
-#[test]
-fn the_list_of_ardupilot_s_types() {
-    let settings = Settings { motors: 4, ..Settings::of(Profile::Ardupilot) };
-    let mut expected = vec![
-        ("esc.RawCommand", 7, 500),
-        ("ArrayCommand", 8, 500),
-        ("GetNodeInfo request", 16, 2),
-        ("ArmingStatus", 24, 20),
-        ("NotifyState", 24, 200),
-        ("SafetyState", 24, 20),
-        ("NodeStatus", 31, 10),
-    ];
-    assert_types(settings.clone(), true, &expected);
-    expected.push(("GetEscID", 16, 10));
-    assert_types(settings, false, &expected);
-}
-
 /// PX4 sends as many commands for motors as its loop makes: 322 a second here.
 #[test]
 fn px4_sends_what_px4_sent_while_it_was_armed() {
@@ -214,22 +182,4 @@ fn px4_sends_what_px4_sent_while_it_was_armed() {
     let lights = ("LightsCommand".to_owned(), 31);
     assert_eq!(simulated.remove(&lights).map(|count| count.transfers), Some(40));
     assert_equal(&simulated, &recorded("px4/motors", 11.0, 15.0));
-}
-
-#[test]
-fn the_list_of_px4_s_types() {
-    let settings = Settings { motors: 4, motor_rate_hz: 400, ..Settings::of(Profile::Px4) };
-    let expected = [
-        ("esc.RawCommand", 0, 3994),
-        ("GlobalTimeSync", 1, 10),
-        ("ArrayCommand", 6, 500),
-        ("ArmingStatus", 16, 20),
-        ("BasicID", 16, 10),
-        ("NodeStatus", 16, 10),
-        ("SafetyState", 16, 20),
-        ("hardpoint.Command", 24, 10),
-        ("GetNodeInfo request", 30, 1),
-        ("LightsCommand", 31, 100),
-    ];
-    assert_types(settings, true, &expected);
 }

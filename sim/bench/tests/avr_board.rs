@@ -133,26 +133,20 @@ fn a_chip_without_power_gives_the_level_of_miso_and_works_with_power_again() {
 }
 
 #[test]
-fn in_a_wrong_spi_mode_the_chip_does_not_answer_and_a_violation_is_reported() {
-    let mut board = Board::new(program("mcp2515", &["SPI_MODE_BITS=_BV(CPHA)"]));
-    board.run_until(MS);
-    assert_eq!(byte(board.avr(), "canstat"), 0xFF);
-    let violations = board.take_violations();
-    assert!(
-        violations.iter().any(|violation| violation.text.contains("SPI mode 1")),
-        "{violations:?}"
-    );
-    let mut board = Board::new(program("mcp2515", &["SPI_MODE_BITS=(_BV(CPOL)|_BV(CPHA))"]));
-    board.run_until(MS);
-    assert_eq!(byte(board.avr(), "canstat"), 0x80);
-}
-
-#[test]
-fn spi_noise_changes_the_bytes_that_the_program_reads() {
-    let mut board = Board::new(program("mcp2515", &[]));
-    board.set_spi_noise(300_000, 1);
-    board.run_until(MS);
-    assert_ne!(byte(board.avr(), "canstat"), 0x80);
+fn in_a_wrong_spi_mode_or_with_noise_the_chip_does_not_answer_and_the_mode_is_a_violation() {
+    let run = |defines: &[&str], noise| {
+        let mut board = Board::new(program("mcp2515", defines));
+        board.set_spi_noise(noise, 1);
+        board.run_until(MS);
+        let violations = board.take_violations();
+        let texts: Vec<String> = violations.into_iter().map(|one| one.text).collect();
+        (byte(board.avr(), "canstat"), texts)
+    };
+    let (canstat, texts) = run(&["SPI_MODE_BITS=_BV(CPHA)"], 0);
+    assert_eq!(canstat, 0xFF);
+    assert!(texts.iter().any(|text| text.contains("SPI mode 1")), "{texts:?}");
+    assert_eq!(run(&["SPI_MODE_BITS=(_BV(CPOL)|_BV(CPHA))"], 0).0, 0x80);
+    assert_ne!(run(&[], 300_000).0, 0x80);
 }
 
 #[test]
@@ -179,28 +173,18 @@ fn the_button_closes_to_ground() {
 }
 
 #[test]
-fn the_servo_s_pulses_are_measured() {
-    let mut board = Board::new(program("servo", &[]));
-    assert_eq!(board.run_until(22 * MS), State::Running);
-    let pulses = board.take_servo_pulses();
-    assert!(
-        pulses.len() >= 3 && pulses.iter().all(|pulse| pulse.width_us() >= 500.0),
-        "{pulses:?}"
-    );
-}
-
-#[test]
 fn the_servo_s_pulses_are_measured_on_either_output_of_timer1() {
     let pulses = |define: &[&str], servo: &str| {
         let mut wiring = Wiring::default();
         wiring.set_cs("D8".parse().unwrap());
         wiring.servo = servo.parse().unwrap();
         let mut board = Board::wired(program("servo", define), &wiring).unwrap();
-        board.run_until(22 * MS);
+        assert_eq!(board.run_until(22 * MS), State::Running);
         board.take_servo_pulses()
     };
     let on_d10 = pulses(&[], "D10");
     assert!(on_d10.len() >= 3, "{on_d10:?}");
+    assert!(on_d10.iter().all(|pulse| pulse.width_us() >= 500.0), "{on_d10:?}");
     assert_eq!(pulses(&["ON_OC1A"], "D9"), on_d10);
     assert_eq!(pulses(&["ON_OC1A"], "D10"), []);
 }
@@ -222,10 +206,8 @@ fn the_wiring_of_a_board_sets_its_pins_and_its_crystal() {
             wiring.set_int(int.parse().unwrap());
             let bit_rate = if crystal_mhz == 8 { 500_000 } else { 1_000_000 };
             let mut bench = Bench::new(bit_rate);
-            bench.add_board(
-                Board::wired(program_for(chip, "mcp2515", defines), &wiring).unwrap(),
-                "board",
-            );
+            let avr = program_for(chip, "mcp2515", defines);
+            bench.add_board(Board::wired(avr, &wiring).unwrap(), "board");
             let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
             bench.attach("peer", peer.clone());
             bench.run_for_ms(2);

@@ -40,15 +40,29 @@ fn a_program_behind_erased_flash_is_reached() {
     assert_no_violation(&mut avr);
 }
 
-/// One engine stops behind the last instruction that was loaded, the other at the end of the flash.
+/// A program that is none, one that leaves the flash, and one that sleeps for good. One engine
+/// stops at the opcode, which does not exist, and behind the last instruction that was loaded, the
+/// other at the end of the flash.
 #[test]
-fn a_program_that_leaves_the_flash_has_crashed_until_a_reset() {
-    let mut avr = blank(Chip::Atmega168);
-    avr.load_flash(0, &[0x00, 0x00]);
-    assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)), "{:?}", avr.state());
-    assert_eq!(avr.now(), 10 * MS);
-    avr.reset(ResetCause::External);
-    assert_eq!(avr.state(), State::Running);
+fn a_program_that_cannot_go_on_stops_until_a_reset_and_time_still_passes() {
+    let loaded = |opcode: [u8; 2]| {
+        let mut avr = blank(Chip::Atmega168);
+        avr.load_flash(0, &opcode);
+        avr
+    };
+    for (mut avr, is_done) in [
+        (loaded([0x01, 0x00]), false),
+        (loaded([0x00, 0x00]), false),
+        (program("sleep", &["FOR_GOOD"]), true),
+    ] {
+        let state = avr.run_until(10 * MS);
+        let expected =
+            if is_done { state == State::Done } else { matches!(state, State::Crashed(_)) };
+        assert!(expected, "{state:?}");
+        assert_eq!(avr.now(), 10 * MS);
+        avr.reset(ResetCause::External);
+        assert_eq!(avr.state(), State::Running);
+    }
 }
 
 #[test]
@@ -76,38 +90,27 @@ fn the_result_does_not_depend_on_the_length_of_the_runs() {
 }
 
 /// Datasheet 11.9: the watchdog stays on after its reset, with the shortest time-out, until the
-/// program turns it off.
+/// program arms it again or turns it off. The oscillator's frequency deviates by at most 10 %.
 #[test]
-fn the_watchdog_runs_on_after_its_reset() {
-    let mut avr = program("watchdog", &[]);
-    avr.run_until(200 * MS);
-    let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
-    // The oscillator's frequency deviates by at most 10 %.
-    assert!((57 * MS..71 * MS).contains(&at[1]), "{at:?}");
-    for pair in at[1..].windows(2) {
-        assert!((14 * MS..18 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
+fn the_watchdog_runs_on_after_its_reset_until_the_program_arms_it_again_or_turns_it_off() {
+    let long = 57 * MS..71 * MS;
+    for (defines, ms, resets, further) in [
+        (&[][..], 200, 10..13, 14 * MS..18 * MS),
+        (&["REARM"], 300, 4..7, long.clone()),
+        (&["DISABLE"], 500, 2..3, 0..0),
+    ] {
+        let mut avr = program("watchdog", defines);
+        avr.run_until(ms * MS);
+        let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
+        assert!(resets.contains(&at.len()), "{defines:?}: {at:?}");
+        assert!(long.contains(&at[1]), "{defines:?}: {at:?}");
+        for pair in at[1..].windows(2) {
+            assert!(further.contains(&(pair[1] - pair[0])), "{defines:?}: {at:?}");
+        }
+        assert!(avr.resets()[1..].iter().all(|reset| reset.cause == ResetCause::Watchdog));
+        assert_eq!(usize::from(byte(&avr, "starts")), at.len(), "{defines:?}");
+        assert_eq!(byte(&avr, "mcusr"), 1 << 3, "{defines:?}");
     }
-    assert_eq!(usize::from(byte(&avr, "starts")), avr.resets().len());
-    assert_eq!(byte(&avr, "mcusr"), 1 << 3);
-    assert!(avr.resets()[1..].iter().all(|reset| reset.cause == ResetCause::Watchdog));
-}
-
-#[test]
-fn the_watchdog_can_be_armed_again_after_its_reset() {
-    let mut avr = program("watchdog", &["REARM"]);
-    avr.run_until(300 * MS);
-    let at: Vec<u64> = avr.resets().iter().map(|reset| reset.at).collect();
-    assert!((4..=6).contains(&at.len()), "{at:?}");
-    for pair in at.windows(2) {
-        assert!((57 * MS..71 * MS).contains(&(pair[1] - pair[0])), "{at:?}");
-    }
-}
-
-#[test]
-fn the_watchdog_can_be_switched_off_after_its_reset() {
-    let mut avr = program("watchdog", &["DISABLE"]);
-    avr.run_until(500 * MS);
-    assert_eq!(avr.resets().len(), 2);
 }
 
 /// Datasheet 11.9.2: the program polls the flag, and clears it by writing a one to it. It counts
@@ -136,12 +139,11 @@ fn mcusr_has_the_causes_of_the_resets() {
     const MCUSR: u16 = 0x54;
     let mut avr = program("spin", &[]);
     assert_eq!(avr.sram(MCUSR), 0b0001);
-    avr.reset(ResetCause::External);
-    assert_eq!(avr.sram(MCUSR), 0b0011);
-    avr.reset(ResetCause::BrownOut);
-    assert_eq!(avr.sram(MCUSR), 0b0111);
-    avr.reset(ResetCause::PowerOn);
-    assert_eq!(avr.sram(MCUSR), 0b0001);
+    use ResetCause::{BrownOut, External, PowerOn};
+    for (cause, flags) in [(External, 0b0011), (BrownOut, 0b0111), (PowerOn, 0b0001)] {
+        avr.reset(cause);
+        assert_eq!(avr.sram(MCUSR), flags, "{cause:?}");
+    }
 }
 
 #[test]
@@ -236,24 +238,6 @@ fn adc_noise_reduction_converts_once_for_each_sleep() {
     assert!(word(&avr, "moved") < ROUND);
 }
 
-#[test]
-fn a_program_that_sleeps_with_interrupts_off_is_done_and_time_still_passes() {
-    let mut avr = program("sleep", &["FOR_GOOD"]);
-    assert_eq!(avr.run_until(10 * MS), State::Done);
-    assert_eq!(avr.now(), 10 * MS);
-    avr.reset(ResetCause::External);
-    assert_eq!(avr.state(), State::Running);
-}
-
-/// One engine stops at the opcode, which does not exist, the other at the end of the flash.
-#[test]
-fn a_program_that_is_none_has_crashed_and_time_still_passes() {
-    let mut avr = blank(Chip::Atmega168);
-    avr.load_flash(0, &[0x01, 0x00]);
-    assert!(matches!(avr.run_until(10 * MS), State::Crashed(_)));
-    assert_eq!(avr.now(), 10 * MS);
-}
-
 /// LDI r24, 0x0E; STS WDTCSR, r24; LDI r24, 0x08; STS UCSR0B, r24; WDR; NOP; STS UDR0, r24; NOP;
 /// NOP; RJMP back to WDR. Arming the watchdog, resetting it and sending a character each set a
 /// cycle timer in simavr.
@@ -285,10 +269,8 @@ fn a_tracer_sees_every_instruction_before_it_runs() {
     assert_eq!(seen.len(), traced, "the tracer is not called after the end");
     let course: Vec<u32> = seen.iter().map(|&(pc, _)| pc).collect();
     assert_eq!(course[..15], COURSE);
-    assert!(
-        seen.windows(2).all(|pair| (1..=2).contains(&(pair[1].1 - pair[0].1))),
-        "one or two cycles each"
-    );
+    let cycles = |pair: &[(u32, u64)]| pair[1].1 - pair[0].1;
+    assert!(seen.windows(2).all(|pair| (1..=2).contains(&cycles(pair))), "one or two cycles each");
 }
 
 #[test]
@@ -311,12 +293,18 @@ fn a_debugger_steps_by_one_instruction_and_halts_at_every_breakpoint() {
     }
 }
 
+/// A watcher of the pin sees what it does, with its times.
+fn watched(avr: &mut Avr, bit: u8) -> Rc<RefCell<Vec<(u64, bool)>>> {
+    let seen = Rc::new(RefCell::new(Vec::new()));
+    let log = Rc::clone(&seen);
+    avr.watch_pin('B', bit, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+    seen
+}
+
 #[test]
 fn a_watcher_gets_the_changes_of_an_output_with_their_times() {
     let mut avr = program("pins", &[]);
-    let seen = Rc::new(RefCell::new(Vec::new()));
-    let log = Rc::clone(&seen);
-    avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+    let seen = watched(&mut avr, 1);
     avr.drive_pin('D', 2, true);
     avr.run_until(MS);
     let seen = seen.borrow();
@@ -324,15 +312,15 @@ fn a_watcher_gets_the_changes_of_an_output_with_their_times() {
     assert!(seen.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 != pair[1].1));
 }
 
+/// The program copies D2 to B0.
 #[test]
 fn an_input_keeps_its_level_from_outside_when_the_port_is_written_and_after_a_reset() {
     let mut avr = program("pins", &[]);
-    avr.drive_pin('D', 2, true);
-    avr.run_until(MS);
-    assert!(avr.pin('B', 0));
-    avr.drive_pin('D', 2, false);
-    avr.run_until(2 * MS);
-    assert!(!avr.pin('B', 0));
+    for (level, ms) in [(true, 1), (false, 2)] {
+        avr.drive_pin('D', 2, level);
+        avr.run_until(ms * MS);
+        assert_eq!(avr.pin('B', 0), level);
+    }
     avr.drive_pin('D', 2, true);
     avr.reset(ResetCause::External);
     assert!(!avr.pin('B', 0));
@@ -355,38 +343,29 @@ fn a_button_pulls_an_input_with_a_pull_up_low_until_it_is_released() {
     assert!(!pressed(&mut avr));
 }
 
+/// The program masks INT0 while D3 is low.
 #[test]
-fn falling_edges_of_int0_interrupt() {
+fn falling_edges_of_int0_interrupt_and_those_while_it_is_masked_once_afterwards() {
     let mut avr = program("pins", &[]);
-    avr.drive_pin('D', 2, true);
-    avr.run_until(MS);
-    for fall in 1..=5 {
-        avr.drive_pin('D', 2, false);
-        avr.run_until(avr.now() + 10 * US);
-        avr.drive_pin('D', 2, true);
-        avr.run_until(avr.now() + 10 * US);
-        assert_eq!(byte(&avr, "falls"), fall);
-    }
-}
-
-#[test]
-fn falling_edges_while_int0_is_masked_interrupt_once_when_it_is_unmasked() {
-    let mut avr = program("pins", &[]);
-    let run = |avr: &mut Avr, masked: bool, levels: &[bool]| {
+    let mut falls = 0;
+    for (masked, levels, new) in [
+        (false, &[true][..], 0),
+        (false, &[false, true, false, true, false, true], 3),
+        (true, &[false, true, false, true], 0),
+        (false, &[], 1),
+        (true, &[], 0),
+        (false, &[], 0),
+        (false, &[false], 1),
+    ] {
         avr.drive_pin('D', 3, !masked);
         avr.run_until(avr.now() + 20 * US);
         for &level in levels {
             avr.drive_pin('D', 2, level);
             avr.run_until(avr.now() + 10 * US);
         }
-        byte(avr, "falls")
-    };
-    assert_eq!(run(&mut avr, false, &[true]), 0);
-    assert_eq!(run(&mut avr, true, &[false, true, false, true]), 0);
-    assert_eq!(run(&mut avr, false, &[]), 1);
-    assert_eq!(run(&mut avr, true, &[]), 1);
-    assert_eq!(run(&mut avr, false, &[]), 1, "not again");
-    assert_eq!(run(&mut avr, false, &[false]), 2);
+        falls += new;
+        assert_eq!(byte(&avr, "falls"), falls, "masked {masked}, {levels:?}");
+    }
 }
 
 #[test]
@@ -410,10 +389,8 @@ fn a_program_runs_on_the_chip_that_it_was_linked_for() {
         assert_eq!(word(&avr, "ticks"), 100);
         // main's return address and locals are at the end of the RAM.
         assert!((chip.ram_end() - 32..=chip.ram_end()).contains(&avr.sp()), "{:#x}", avr.sp());
-        assert_eq!(
-            (avr.flash().len(), avr.eeprom().len()),
-            (chip.flash_bytes(), chip.eeprom_bytes())
-        );
+        let sizes = (avr.flash().len(), avr.eeprom().len());
+        assert_eq!(sizes, (chip.flash_bytes(), chip.eeprom_bytes()));
         assert_no_violation(&mut avr);
     }
 }
@@ -540,9 +517,7 @@ fn both_chips_run_a_program_with_the_same_results_in_the_same_cycles() {
             let mut avr = program_for(chip, name, &[]);
             avr.set_analog(0, 1234);
             avr.connect_spi(Box::new(|byte: &bench::avr::SpiByte| byte.mosi ^ 0x5A));
-            let sent = Rc::new(RefCell::new(Vec::new()));
-            let log = Rc::clone(&sent);
-            avr.watch_pin('B', 1, Box::new(move |level, at| log.borrow_mut().push((at, level))));
+            let sent = watched(&mut avr, 1);
             avr.run_until(45 * MS);
             let result = avr.symbol(results).map(|_| bytes(&avr, results));
             (result, sent.take(), avr.take_edges(Oc::B), avr.take_violations())

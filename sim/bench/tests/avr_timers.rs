@@ -110,22 +110,27 @@ fn timer0_overflows_at_the_top_in_ocr0a() {
     assert_near(times("MODE7"), &[200 * 80 * 8]);
 }
 
-/// Sections 15.7.2 and 16.11.9.
+/// Programs that measure a few numbers, which are the same on every run. "Section 13.2: [...] if
+/// enabled, the interrupts will trigger even if the [...] pins are configured as outputs."
 #[test]
-fn ctc_sets_the_flag_of_its_top_and_no_overflow() {
-    let [tifr0, tifr1, tifr2, ..] = results("CTC");
-    // OCF0B and OCF2B too: OCRnB is 0.
-    assert_eq!([tifr0, tifr2], [0b110, 0b110]);
-    assert_eq!(tifr1, 0b10_0100, "ICF1, and OCF1B at 0");
-}
-
-/// Section 13.2: "[...] if enabled, the interrupts will trigger even if the [...] pins are
-/// configured as outputs."
-#[test]
-fn interrupts_of_pins_see_the_compare_outputs() {
-    let [oc1a, oc0a, oc2b, ..] = results("PIN_CHANGE");
-    // 41 times 250 us; OC2B, which starts low, falls once a millisecond from the second one on.
-    assert_eq!([oc1a, oc0a, oc2b], [10, 10, 9]);
+fn the_numbers_of_the_programs_are_those_of_the_datasheet() {
+    let (oc1a, oc2a, oc0a) = (1 << 1, 1 << 3, 1 << 6);
+    for (define, section, expected) in [
+        // TIFR0 to TIFR2: the flag of TOP and no overflow. OCF0B, OCF1B and OCF2B too: OCRnB is 0.
+        ("CTC", "15.7.2, 16.11.9", &[0b110, 0b10_0100, 0b110][..]),
+        // 41 times 250 us; OC2B, which starts low, falls once a millisecond from the second one on.
+        ("PIN_CHANGE", "13.2", &[10, 10, 9]),
+        // A reset of the prescaler delays the next clock.
+        ("PRESCALER", "17.2", &[0, 1, 1, 0]),
+        // A forced compare changes the pin and nothing else; reading the pin.
+        ("FORCE", "15.5.1, 15.6, 14.2.4", &[0, oc1a | oc2a, oc0a, 0, oc1a | oc2a, oc2a, oc0a]),
+        // The cycle of a write and of a read of a running counter.
+        ("CYCLES", "15.8, 7.6", &[0x30, 0x31, 0x32, 0x31]),
+        // A write of the counter blocks the next match.
+        ("BLOCKED", "15.5.2", &[0, 0b100]),
+    ] {
+        assert_eq!(results(define)[..expected.len()], *expected, "{define}: section {section}");
+    }
 }
 
 /// Section 17.4.1.
@@ -136,12 +141,6 @@ fn tsm_halts_the_timers_and_starts_them_together() {
     assert!((80..90).contains(&t0), "{t0}");
     assert_eq!([t1, t2], [t0, t0]);
     assert_eq!([gtccr, released], [0x83, 0]);
-}
-
-/// Section 17.2.
-#[test]
-fn a_reset_of_the_prescaler_delays_the_next_clock() {
-    assert_eq!(results("PRESCALER")[..4], [0, 1, 1, 0]);
 }
 
 /// Sections 15.7.3, 15.7.4, 18.7.3.
@@ -168,27 +167,12 @@ fn the_eight_bit_timers_make_pwm_on_their_pins() {
     }
 }
 
-/// Sections 15.5.1 and 15.6; 14.2.4 (reading the pin).
-#[test]
-fn a_forced_compare_changes_the_pin_and_nothing_else() {
-    let [before, pinb, pind, registers, port_low, disconnected, in_pwm, _] = results("FORCE");
-    let (oc1a, oc2a, oc0a) = (1 << 1, 1 << 3, 1 << 6);
-    assert_eq!([before, pinb, pind, registers], [0, oc1a | oc2a, oc0a, 0]);
-    assert_eq!([port_low, disconnected, in_pwm], [oc1a | oc2a, oc2a, oc0a]);
-}
-
 /// Sections 7.7 and 15.9.7.
 #[test]
 fn a_flag_is_kept_while_its_interrupt_is_masked() {
     let [_, all, after_sbi, after_cbi, after_interrupt, interrupts, ..] = results("MASKED");
     assert_eq!([all, after_sbi, after_cbi, after_interrupt], [0b111, 0b110, 0b110, 0b100]);
     assert_eq!(interrupts, 1);
-}
-
-/// Sections 15.8 and 7.6: the cycle of a write and of a read.
-#[test]
-fn writes_and_reads_of_a_running_counter_are_exact_to_the_cycle() {
-    assert_eq!(results("CYCLES")[..4], [0x30, 0x31, 0x32, 0x31]);
 }
 
 /// Section 16.3.
@@ -231,12 +215,6 @@ fn prr_stops_a_timer_and_its_registers() {
     let [before, after, ..] = results_of(&mut avr);
     assert!((45..60).contains(&before) && (15..30).contains(&(after - before)), "{before} {after}");
     crate::avr::assert_one_violation(&mut avr, "a register of Timer2 is written while PRR stops");
-}
-
-/// Section 15.5.2.
-#[test]
-fn a_write_of_the_counter_blocks_the_next_match() {
-    assert_eq!(results("BLOCKED")[..2], [0, 0b100]);
 }
 
 /// Section 16.9.2: TOP in OCR1A changes at once.

@@ -3,12 +3,22 @@
 use super::*;
 use crate::can::Id;
 use crate::dronecan::{
-    Allocation, Assembler, CommandUnit, NodeInfo, NodeStatus, Outcome, ParameterResponse, Value,
+    ActuatorCommand, Allocation, Assembler, CommandUnit, NodeInfo, NodeStatus, Outcome,
+    ParameterResponse, Value,
 };
 
-fn autopilot(command_type: CommandType) -> Autopilot {
-    let settings = Settings { command_type, ..Settings::default() };
+const MS: Cycles = F_CPU_HZ / 1000;
+
+fn with(settings: Settings) -> Autopilot {
     Autopilot::new(settings, 1_000_000)
+}
+
+fn like(profile: Profile) -> Autopilot {
+    with(Settings::of(profile))
+}
+
+fn autopilot(command_type: CommandType) -> Autopilot {
+    with(Settings { command_type, ..Settings::default() })
 }
 
 /// Messages that `autopilot` sends before `until`.
@@ -16,9 +26,7 @@ fn sent(autopilot: &mut Autopilot, until: Cycles) -> Vec<(Cycles, Message)> {
     let mut assembler = Assembler::new();
     let frames = autopilot.due(until);
     let decode = |(at, frame): (Cycles, Frame)| {
-        let crate::can::Id::Extended(id) = frame.id else {
-            panic!("standard frame");
-        };
+        let Id::Extended(id) = frame.id else { panic!("standard frame") };
         match assembler.push(id, frame.data(), crate::elapsed(at)) {
             Outcome::Complete(transfer) => Some((at, Message::decode(&transfer))),
             Outcome::Partial => None,
@@ -26,10 +34,6 @@ fn sent(autopilot: &mut Autopilot, until: Cycles) -> Vec<(Cycles, Message)> {
         }
     };
     frames.into_iter().filter_map(decode).collect()
-}
-
-fn like(profile: Profile) -> Autopilot {
-    Autopilot::new(Settings::of(profile), 1_000_000)
 }
 
 /// Lets `autopilot` receive a transfer that ends at `at`.
@@ -47,46 +51,30 @@ fn status(uptime_s: u32) -> Message {
 /// Times, in milliseconds, at which a frame with this identifier is sent before `until`.
 fn times_of(autopilot: &mut Autopilot, id: u32, until: Cycles) -> Vec<u64> {
     let frames = autopilot.due(until).into_iter();
-    frames
-        .filter(|(_, frame)| frame.id == Id::Extended(id))
-        .map(|(at, _)| at * 1000 / F_CPU_HZ)
-        .collect()
+    frames.filter(|(_, frame)| frame.id == Id::Extended(id)).map(|(at, _)| at / MS).collect()
 }
 
-fn is_command(message: &Message) -> bool {
-    matches!(message, Message::ArrayCommand(_) | Message::ThesisCommand(_))
-}
-
-#[test]
-fn the_autopilot_sends_one_status_and_fifty_commands_a_second() {
-    let mut autopilot = autopilot(CommandType::Unitless);
-    let messages = sent(&mut autopilot, 10 * F_CPU_HZ);
-    let commands = messages.iter().filter(|(_, m)| is_command(m)).count();
-    assert_eq!((messages.len() - commands, commands), (10, 500));
-    assert!(messages.is_sorted_by_key(|(at, _)| *at));
+/// Texts of the messages before `until` that begin with `name`, with their milliseconds.
+fn texts_of(autopilot: &mut Autopilot, name: &str, until: Cycles) -> Vec<(u64, String)> {
+    let messages = sent(autopilot, until).into_iter();
+    let texts = messages.map(|(at, message)| (at / MS, message.to_string()));
+    texts.filter(|(_, text)| text.starts_with(name)).collect()
 }
 
 #[test]
-fn the_length_of_the_steps_does_not_change_the_messages() {
-    let mut whole = autopilot(CommandType::Unitless);
+fn the_autopilot_sends_a_status_and_fifty_commands_a_second_whatever_the_steps() {
+    let at_once = sent(&mut autopilot(CommandType::Unitless), 10 * F_CPU_HZ);
+    let uptimes = at_once.iter().filter_map(|(_, message)| match message {
+        Message::NodeStatus(status) => Some(status.uptime_s),
+        _ => None,
+    });
+    assert!(uptimes.eq(0..10), "a status each second, with true seconds");
+    let commands = at_once.iter().filter(|(_, m)| matches!(m, Message::ArrayCommand(_))).count();
+    assert_eq!((commands, at_once.len()), (500, 510));
+    assert!(at_once.is_sorted_by_key(|(at, _)| *at));
     let mut pieces = autopilot(CommandType::Unitless);
-    let at_once = sent(&mut whole, F_CPU_HZ);
-    let stepped: Vec<_> =
-        (1..=1000).flat_map(|ms| sent(&mut pieces, ms * F_CPU_HZ / 1000)).collect();
+    let stepped: Vec<_> = (1..=10_000).flat_map(|ms| sent(&mut pieces, ms * MS)).collect();
     assert_eq!(at_once, stepped);
-}
-
-#[test]
-fn uptime_counts_true_seconds() {
-    let mut autopilot = autopilot(CommandType::Unitless);
-    let uptimes: Vec<u32> = sent(&mut autopilot, 3 * F_CPU_HZ)
-        .into_iter()
-        .filter_map(|(_, m)| match m {
-            Message::NodeStatus(status) => Some(status.uptime_s),
-            _ => None,
-        })
-        .collect();
-    assert_eq!(uptimes, [0, 1, 2]);
 }
 
 #[test]
@@ -108,15 +96,13 @@ fn a_held_position_is_sent_in_each_unit() {
 #[test]
 fn the_sweep_reaches_both_ends() {
     let autopilot = autopilot(CommandType::Unitless);
-    assert_eq!(autopilot.deflection(0), 0.0);
-    assert_eq!(autopilot.deflection(F_CPU_HZ), 1.0);
-    assert_eq!(autopilot.deflection(3 * F_CPU_HZ), -1.0);
+    let deflections = [0, 1, 3].map(|second| autopilot.deflection(second * F_CPU_HZ));
+    assert_eq!(deflections, [0.0, 1.0, -1.0]);
 }
 
 #[test]
 fn one_actuator_is_held_while_the_others_move_until_the_next_sweep() {
-    let settings = Settings { moves: Moves::All, ..Settings::of(Profile::Px4) };
-    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    let mut autopilot = with(Settings { moves: Moves::All, ..Settings::of(Profile::Px4) });
     let of = |autopilot: &Autopilot, id: usize| match autopilot.command(F_CPU_HZ / 3) {
         Some(Message::ArrayCommand(commands)) => f64::from(commands[id].value),
         other => panic!("{other:?}"),
@@ -159,38 +145,43 @@ fn the_node_id_can_be_changed() {
     assert_eq!(frames[0].1, Frame::extended(0x1001_550A, frames[0].1.data()));
 }
 
-#[test]
-fn ardupilot_commands_fifteen_actuators_from_1_with_nine_frames() {
-    let mut autopilot = like(Profile::Ardupilot);
-    autopilot.hold(0.5);
-    let frames: Vec<_> = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
-    assert_eq!(frames.len(), 9);
-    assert!(
-        frames
-            .iter()
-            .all(|(at, frame)| *at == COMMAND_OFFSET && frame.id == Id::Extended(0x0803_F20A))
-    );
-    let mut autopilot = like(Profile::Ardupilot);
-    autopilot.hold(0.5);
-    let Message::ArrayCommand(commands) = sent(&mut autopilot, COMMAND_OFFSET + 1).remove(1).1
-    else {
-        panic!()
-    };
-    let ids: Vec<u8> = commands.iter().map(|command| command.actuator).collect();
-    assert_eq!(ids, (1..=15).collect::<Vec<u8>>());
-    assert!(commands.iter().all(|command| command.unit == CommandUnit::Unitless));
-    let values: Vec<f32> = commands.iter().map(|command| command.value.to_f32()).collect();
-    assert_eq!(values[0], 0.5);
-    assert!(values[1..].is_sorted() && values[1] != values[2]);
-}
-
-/// The values of the first ArrayCommand.
-fn first_commands(autopilot: &mut Autopilot) -> Vec<f32> {
+/// The commands of the first ArrayCommand.
+fn first_commands(autopilot: &mut Autopilot) -> Vec<ActuatorCommand> {
     let messages = sent(autopilot, COMMAND_OFFSET + 1);
     let Some((_, Message::ArrayCommand(commands))) = messages.last() else {
         panic!("{messages:?}")
     };
-    commands.iter().map(|command| command.value.to_f32()).collect()
+    commands.clone()
+}
+
+/// PX4 of before June 2026 has eight.
+#[test]
+fn ardupilot_commands_actuators_from_1_and_px4_from_0_each_with_its_identifier() {
+    let px4 = |servos| Settings { actuator: 0, servos, ..Settings::of(Profile::Px4) };
+    for (settings, held, id, frames, actuators) in [
+        (Settings::of(Profile::Ardupilot), 0.5, 0x0803_F20A, 9, 1..=15),
+        (px4(15), -1.0, 0x0603_F201, 9, 0..=14),
+        (px4(8), -1.0, 0x0603_F201, 5, 0..=7),
+    ] {
+        let held_one = || {
+            let mut autopilot = with(settings.clone());
+            autopilot.hold(held);
+            autopilot
+        };
+        let sent: Vec<_> = held_one().due(COMMAND_OFFSET + 1).split_off(1);
+        assert_eq!(sent.len(), frames, "{settings:?}");
+        let is_right =
+            |(at, frame): &(Cycles, Frame)| *at == COMMAND_OFFSET && frame.id == Id::Extended(id);
+        assert!(sent.iter().all(is_right), "{sent:?}");
+        let commands = first_commands(&mut held_one());
+        let ids: Vec<u8> = commands.iter().map(|command| command.actuator).collect();
+        assert_eq!(ids, actuators.collect::<Vec<u8>>());
+        assert!(commands.iter().all(|command| command.unit == CommandUnit::Unitless));
+        let values: Vec<f32> = commands.iter().map(|command| command.value.to_f32()).collect();
+        assert_eq!(f64::from(values[0]), held);
+        // The others sweep.
+        assert!(values[1..].is_sorted() && values[1] != values[2], "{values:?}");
+    }
 }
 
 #[test]
@@ -198,16 +189,15 @@ fn all_actuators_sweep_each_with_its_own_phase() {
     let all = |profile, motion| {
         let settings = Settings { moves: Moves::All, ..Settings::of(profile) };
         let servos = if profile == Profile::Px4 { 8 } else { settings.servos };
-        let mut autopilot = Autopilot::new(Settings { servos, ..settings }, 1_000_000);
+        let mut autopilot = with(Settings { servos, ..settings });
         autopilot.motion = motion;
-        first_commands(&mut autopilot)
+        let commands = first_commands(&mut autopilot).into_iter();
+        commands.map(|command| command.value.to_f32()).collect::<Vec<_>>()
     };
     let values = all(Profile::Px4, Motion::Sweep { since: COMMAND_OFFSET, phase: 0.0 });
     let expected = [0.0, 0.707, 1.0, 0.707, 0.0, -0.707, -1.0, -0.707];
-    assert!(
-        values.iter().zip(expected).all(|(value, expected)| (value - expected).abs() < 0.002),
-        "{values:?}"
-    );
+    let near = |(value, expected): (&f32, f32)| (value - expected).abs() < 0.002;
+    assert!(values.iter().zip(expected).all(near), "{values:?}");
     let mut values = all(Profile::Ardupilot, Motion::Sweep { since: 0, phase: 0.0 });
     values.sort_by(f32::total_cmp);
     values.dedup();
@@ -218,7 +208,7 @@ fn all_actuators_sweep_each_with_its_own_phase() {
 /// Time in milliseconds and commands of each RawCommand before `until`.
 fn motor_commands(autopilot: &mut Autopilot, until: Cycles) -> Vec<(u64, Vec<i16>)> {
     let plain = |(at, message)| match message {
-        Message::RawCommand(commands) => Some((at * 1000 / F_CPU_HZ, commands)),
+        Message::RawCommand(commands) => Some((at / MS, commands)),
         _ => None,
     };
     sent(autopilot, until).into_iter().filter_map(plain).collect()
@@ -226,7 +216,7 @@ fn motor_commands(autopilot: &mut Autopilot, until: Cycles) -> Vec<(u64, Vec<i16
 
 #[test]
 fn a_held_motor_has_its_power_until_the_next_sweep_and_late_motors_send_no_burst() {
-    let mut autopilot = Autopilot::new(Settings::of(Profile::Ardupilot), 1_000_000);
+    let mut autopilot = like(Profile::Ardupilot);
     assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ), []);
     autopilot.set_motors(2, F_CPU_HZ);
     autopilot.hold_motor(1, 0.5);
@@ -241,8 +231,7 @@ fn a_held_motor_has_its_power_until_the_next_sweep_and_late_motors_send_no_burst
 #[test]
 fn motors_are_off_while_disarmed_and_follow_the_motion_while_armed() {
     for (profile, idle) in [(Profile::Ardupilot, 0), (Profile::Px4, 1)] {
-        let mut autopilot =
-            Autopilot::new(Settings { motors: 2, ..Settings::of(profile) }, 1_000_000);
+        let mut autopilot = with(Settings { motors: 2, ..Settings::of(profile) });
         autopilot.hold(-1.0);
         assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ / 50), [(15, vec![idle; 2])]);
         autopilot.hold(1.0);
@@ -260,7 +249,7 @@ fn motors_are_off_while_disarmed_and_follow_the_motion_while_armed() {
 #[test]
 fn commands_for_motors_stop_at_once_with_arming_if_the_actuators_that_move_are_left_out() {
     let settings = Settings { motors: 3, omits_disarmed: true, ..Settings::of(Profile::Ardupilot) };
-    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    let mut autopilot = with(settings);
     assert_eq!(motor_commands(&mut autopilot, F_CPU_HZ * 6 / 10).len(), 30);
     autopilot.set_armed(false);
     assert!(motor_commands(&mut autopilot, F_CPU_HZ).is_empty());
@@ -278,15 +267,12 @@ fn motors_are_commanded_with_the_priority_of_the_profile_and_only_if_there_are_a
         (Profile::Px4, 0, 0x0004_0601, 0),
         (Profile::Plain, 4, 0x0004_0601, 0),
     ] {
-        let mut autopilot = Autopilot::new(Settings { motors, ..Settings::of(profile) }, 1_000_000);
+        let mut autopilot = with(Settings { motors, ..Settings::of(profile) });
         assert_eq!(times_of(&mut autopilot, id, F_CPU_HZ / 50), vec![15; frames], "{profile:?}");
         assert!(motors <= profile.motors_max() || profile.motors().is_none());
     }
-    let mut autopilot = Autopilot::new(
-        Settings { motors: 4, ..Settings::of(Profile::Px4) }.in_dialect(Dialect::Draft),
-        1_000_000,
-    );
-    assert!(autopilot.due(F_CPU_HZ).iter().all(|(_, frame)| frame.id != Id::Extended(0x0004_0601)));
+    let draft = Settings { motors: 4, ..Settings::of(Profile::Px4) }.in_dialect(Dialect::Draft);
+    assert_eq!(times_of(&mut with(draft), 0x0004_0601, F_CPU_HZ), []);
 }
 
 /// Three commands of three frames each wait for a busy bus; more would be old.
@@ -294,7 +280,7 @@ fn motors_are_commanded_with_the_priority_of_the_profile_and_only_if_there_are_a
 fn commands_for_many_motors_wait_for_a_busy_bus_and_old_ones_are_dropped() {
     let settings =
         Settings { servos: 0, motors: 8, motor_rate_hz: 400, ..Settings::of(Profile::Ardupilot) };
-    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    let mut autopilot = with(settings);
     let mut queued = |ms: u64| {
         autopilot.advance(ms * F_CPU_HZ / 1000);
         autopilot.station.borrow().queued()
@@ -309,53 +295,25 @@ fn commands_for_many_motors_wait_for_a_busy_bus_and_old_ones_are_dropped() {
 fn ardupilot_can_command_pulse_widths() {
     let mut autopilot = like(Profile::ArdupilotPwm);
     autopilot.hold(-0.5);
-    let messages = sent(&mut autopilot, COMMAND_OFFSET + 1);
-    assert!(
-        messages[1].1.to_string().starts_with("ArrayCommand id 1 PWM 1250 us, id 2 PWM "),
-        "{messages:?}"
-    );
+    let commands = texts_of(&mut autopilot, "ArrayCommand", COMMAND_OFFSET + 1);
+    assert!(commands[0].1.starts_with("ArrayCommand id 1 PWM 1250 us, id 2 PWM "), "{commands:?}");
 }
 
 #[test]
 fn ardupilot_sends_arming_status_twice_a_second() {
     let mut autopilot = like(Profile::Ardupilot);
-    let of_a_second = |autopilot: &mut Autopilot, second| {
-        let messages = sent(autopilot, second * F_CPU_HZ).into_iter();
-        messages
-            .map(|(_, message)| message.to_string())
-            .filter(|text| {
-                !["ArrayC", "Notify", "GetEsc"].iter().any(|name| text.starts_with(name))
-            })
-            .collect::<Vec<_>>()
-    };
-    let expected =
-        ["NodeStatus OK OPERATIONAL up 0 s vendor 0x0000", "SafetyState off", "ArmingStatus armed"];
-    assert_eq!(of_a_second(&mut autopilot, 1), [&expected[..], &expected[1..]].concat());
+    let first = texts_of(&mut autopilot, "", F_CPU_HZ).into_iter().map(|(_, text)| text);
+    let is_other =
+        |text: &String| ["ArrayC", "Notify", "GetEsc"].iter().any(|name| text.starts_with(name));
+    let found: Vec<String> = first.filter(|text| !is_other(text)).collect();
+    let twice = ["SafetyState off", "ArmingStatus armed"];
+    let status = ["NodeStatus OK OPERATIONAL up 0 s vendor 0x0000"];
+    assert_eq!(found, [&status[..], &twice, &twice].concat());
     autopilot.set_armed(false);
-    assert_eq!(of_a_second(&mut autopilot, 2)[2], "ArmingStatus disarmed");
+    let arming = texts_of(&mut autopilot, "ArmingStatus", 2 * F_CPU_HZ);
+    assert!(arming.iter().all(|(_, text)| text == "ArmingStatus disarmed"), "{arming:?}");
     assert_eq!(times_of(&mut autopilot, 0x1804_4C0A, 3 * F_CPU_HZ), [2012, 2512]);
     assert_eq!(times_of(&mut autopilot, 0x1F01_550A, 4 * F_CPU_HZ), [3000]);
-}
-
-#[test]
-fn px4_commands_fifteen_actuators_from_0_with_nine_frames_and_before_june_2026_eight_with_five() {
-    for (servos, count) in [(15, 9), (8, 5)] {
-        let settings = Settings { actuator: 0, servos, ..Settings::of(Profile::Px4) };
-        let mut autopilot = Autopilot::new(settings, 1_000_000);
-        autopilot.hold(-1.0);
-        let frames = autopilot.due(COMMAND_OFFSET + 1).split_off(1);
-        assert_eq!(frames.len(), count);
-        assert!(frames.iter().all(|(_, frame)| frame.id == Id::Extended(0x0603_F201)));
-        let messages = sent(&mut autopilot, COMMAND_OFFSET + COMMAND_PERIOD + 1);
-        let commands = messages.iter().rev().find_map(|(_, message)| match message {
-            Message::ArrayCommand(commands) => Some(commands),
-            _ => None,
-        });
-        let commands = commands.unwrap_or_else(|| panic!("{messages:?}"));
-        let ids: Vec<u8> = commands.iter().map(|command| command.actuator).collect();
-        assert_eq!(ids, (0..servos).collect::<Vec<_>>());
-        assert_eq!(commands[0].value.to_f32(), -1.0);
-    }
 }
 
 #[test]
@@ -379,17 +337,12 @@ fn a_new_node_gets_get_node_info_requests_until_it_responds() {
 /// ArduPilot reads a parameter by its name and not by its index.
 #[test]
 fn a_parameter_of_each_new_node_is_read_by_name_and_reported() {
-    let settings =
-        Settings { parameter: Some("OUT1_MAX".into()), ..Settings::of(Profile::Ardupilot) };
-    let mut autopilot = Autopilot::new(settings, 1_000_000);
+    let parameter = Some("OUT1_MAX".into());
+    let mut autopilot = with(Settings { parameter, ..Settings::of(Profile::Ardupilot) });
     let info = Message::NodeInfo(Box::default());
     receive(&mut autopilot, F_CPU_HZ, 0x1001_0AF8, &info);
     receive(&mut autopilot, 2 * F_CPU_HZ, 0x1001_0AF8, &info);
-    let requests: Vec<_> = sent(&mut autopilot, 3 * F_CPU_HZ)
-        .into_iter()
-        .filter(|(_, message)| matches!(message, Message::ParameterRequest(_)))
-        .map(|(at, message)| (at * 1000 / F_CPU_HZ, message.to_string()))
-        .collect();
+    let requests = texts_of(&mut autopilot, "param.", 3 * F_CPU_HZ);
     assert_eq!(requests, [(1002, String::from("param.GetSet request OUT1_MAX"))]);
     let value = Value::Integer(2000);
     let response = ParameterResponse { value, name: b"OUT1_MAX".into(), ..Default::default() };
@@ -408,18 +361,16 @@ fn a_node_that_is_offline_gets_no_more_requests() {
 fn the_autopilot_answers_get_node_info() {
     let mut autopilot = like(Profile::Px4);
     receive(&mut autopilot, F_CPU_HZ, 0x1E01_81FF, &Message::NodeInfoRequest);
-    let messages = sent(&mut autopilot, 2 * F_CPU_HZ);
-    let (at, answer) =
-        messages.iter().find(|(_, message)| matches!(message, Message::NodeInfo(_))).unwrap();
-    assert_eq!(*at, F_CPU_HZ + ANSWER_DELAY);
-    assert!(answer.to_string().starts_with("GetNodeInfo response org.pixhawk.pixhawk"), "{answer}");
+    let name = "GetNodeInfo response org.pixhawk.pixhawk";
+    let answers = texts_of(&mut autopilot, name, 2 * F_CPU_HZ);
+    assert_eq!(answers.len(), 1);
+    assert_eq!(answers[0].0, (F_CPU_HZ + ANSWER_DELAY) / MS);
 }
 
 #[test]
 fn the_autopilot_allocates_node_ids_only_if_it_is_set_to() {
     for allocates in [false, true] {
-        let mut autopilot =
-            Autopilot::new(Settings { allocates, ..Settings::default() }, 1_000_000);
+        let mut autopilot = with(Settings { allocates, ..Settings::default() });
         let mut answers = Vec::new();
         for (first, len, at) in [(0, 6, 100), (6, 6, 300), (12, 4, 500)] {
             let request = Allocation {
@@ -427,37 +378,32 @@ fn the_autopilot_allocates_node_ids_only_if_it_is_set_to() {
                 first_part: first == 0,
                 unique_id: (first..first + len).collect(),
             };
-            receive(&mut autopilot, at * 16_000, 0x1E97_4D00, &Message::Allocation(request));
-            let messages = sent(&mut autopilot, (at + 100) * 16_000).into_iter();
-            answers
-                .extend(messages.filter(|(_, message)| matches!(message, Message::Allocation(_))));
+            receive(&mut autopilot, at * MS, 0x1E97_4D00, &Message::Allocation(request));
+            let texts = texts_of(&mut autopilot, "Allocation", (at + 100) * MS).into_iter();
+            answers.extend(texts.map(|(at, text)| format!("{at} {text}")));
         }
-        let texts: Vec<_> =
-            answers.iter().map(|(at, message)| format!("{} {message}", at / 16_000)).collect();
         let expected = [
             "102 Allocation unique ID 000102030405",
             "302 Allocation unique ID 000102030405060708090A0B",
             "502 Allocation node ID 125 unique ID 000102030405060708090A0B0C0D0E0F",
         ];
-        assert_eq!(texts, if allocates { &expected[..] } else { &[] });
+        assert_eq!(answers, if allocates { &expected[..] } else { &[] });
         assert_eq!(autopilot.take_events().len(), usize::from(allocates));
     }
 }
 
 #[test]
 fn the_next_command_type_is_one_of_the_profile() {
-    let mut autopilot = autopilot(CommandType::Thesis);
-    autopilot.next_command_type();
-    assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
-    let mut autopilot = like(Profile::Ardupilot);
-    autopilot.next_command_type();
-    assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
+    for mut autopilot in [autopilot(CommandType::Thesis), like(Profile::Ardupilot)] {
+        autopilot.next_command_type();
+        assert_eq!(autopilot.settings().command_type, CommandType::Unitless);
+    }
 }
 
 #[test]
 fn the_autopilot_can_send_only_its_status_or_only_commands_in_either_dialect() {
     let sent = |settings: Settings| {
-        let mut autopilot = Autopilot::new(settings, 1_000_000);
+        let mut autopilot = with(settings);
         let frames = autopilot.due(2 * F_CPU_HZ);
         let commands = autopilot.commands_sent();
         (frames.len(), commands, frames[1].1.to_string())

@@ -266,87 +266,97 @@ mod tests {
         names.map(|(wire, name)| (*wire, (*name).to_owned())).collect()
     }
 
-    /// The text after the header.
-    fn body(out: &[u8]) -> String {
-        let text = String::from_utf8(out.to_vec()).unwrap();
-        text.split_once("$dumpvars").unwrap().1.split_once("$end\n").unwrap().1.to_owned()
-    }
-
-    #[test]
-    fn a_change_at_the_end_is_in_the_file_and_a_later_one_is_not() {
+    /// The file that `write` writes for a board with `outputs` outputs besides the servo's: its
+    /// header, and the text after it.
+    fn file(
+        outputs: usize,
+        write: impl FnOnce(&mut Writer<&mut Vec<u8>>) -> io::Result<()>,
+    ) -> (String, String) {
         let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
-        writer.change(100, Wire::Cs, false);
-        writer.change(101, Wire::Cs, true);
-        writer.finish(100).unwrap();
+        let mut writer = Writer::new(&mut out, 16, &wires(outputs), IDLE).unwrap();
+        write(&mut writer).unwrap();
         drop(writer);
-        assert_eq!(body(&out), "#62500\n0\"\n");
+        let text = String::from_utf8(out).unwrap();
+        let (header, rest) = text.split_once("$dumpvars\n").unwrap();
+        let (levels, body) = rest.split_once("$end\n").unwrap();
+        (format!("{header}{levels}"), body.to_owned())
     }
 
     #[test]
     fn the_header_names_each_wire_and_its_first_level() {
-        let mut out = Vec::new();
-        Writer::new(&mut out, 16, &wires(0), IDLE).unwrap();
-        let text = String::from_utf8(out).unwrap();
-        assert!(text.contains("$timescale 100 ps $end\n"), "{text}");
-        assert!(text.contains("$var wire 1 ! CAN $end\n$var wire 1 \" CS $end\n"), "{text}");
-        assert!(text.contains("#10000\n$dumpvars\n1!\n1\"\n"), "{text}");
-        assert!(text.contains(" SERVO $end\n$upscope"), "{text}");
-    }
-
-    #[test]
-    fn the_file_has_the_outputs_of_the_board() {
-        for (outputs, last) in [(1, "OUT2"), (7, "OUT8"), (9, "OUT8")] {
-            let mut out = Vec::new();
-            Writer::new(&mut out, 0, &wires(outputs), IDLE).unwrap();
-            let text = String::from_utf8(out).unwrap();
-            assert!(text.contains(&format!(" {last} $end\n$upscope")), "{text}");
+        let (header, _) = file(0, |_| Ok(()));
+        for part in [
+            "$timescale 100 ps $end\n",
+            "$var wire 1 ! CAN $end\n$var wire 1 \" CS $end\n",
+            "#10000\n1!\n1\"\n",
+            " SERVO $end\n$upscope",
+        ] {
+            assert!(header.contains(part), "{part}: {header}");
         }
-        let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, &wires(7), IDLE).unwrap();
-        writer.change(2, Wire::Out8, false);
-        writer.finish(3).unwrap();
-        drop(writer);
-        assert_eq!(body(&out), "#1250\n00\n#1875\n");
+        for (outputs, last) in [(1, "OUT2"), (7, "OUT8"), (9, "OUT8")] {
+            let (header, _) = file(outputs, |_| Ok(()));
+            assert!(header.contains(&format!(" {last} $end\n$upscope")), "{header}");
+        }
     }
 
     #[test]
-    fn changes_are_written_in_the_order_of_their_times_up_to_the_safe_time() {
-        let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
-        writer.change(30, Wire::Can, false);
-        writer.change(10, Wire::Cs, false);
-        writer.advance(20).unwrap();
-        writer.change(25, Wire::Sck, false);
-        writer.advance(30).unwrap();
-        writer.flush().unwrap();
-        drop(writer);
-        assert_eq!(body(&out), "#6250\n0\"\n#15625\n0#\n");
-    }
-
-    #[test]
-    fn changes_at_one_time_are_written_together_and_an_equal_level_is_not_written() {
-        let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
-        writer.change(2, Wire::Miso, false);
-        writer.change(2, Wire::Can, false);
-        writer.change(2, Wire::Miso, Level::Floating);
-        writer.change(3, Wire::Can, false);
-        writer.finish(4).unwrap();
-        drop(writer);
-        assert_eq!(body(&out), "#1250\n0!\nz%\n#2500\n");
-    }
-
-    #[test]
-    fn cut_changes_are_not_written() {
-        let mut out = Vec::new();
-        let mut writer = Writer::new(&mut out, 0, &wires(0), IDLE).unwrap();
-        writer.change(2, Wire::Txd, false);
-        writer.change(4, Wire::Txd, true);
-        writer.change(5, Wire::Rxd, false);
-        writer.cut(3, Wire::Txd);
-        writer.finish(10).unwrap();
-        drop(writer);
-        assert_eq!(body(&out), "#1250\n0'\n#3125\n0(\n#6250\n");
+    fn changes_are_written_in_the_order_of_their_times_once_and_up_to_the_safe_time() {
+        type Write = fn(&mut Writer<&mut Vec<u8>>) -> io::Result<()>;
+        let cases: [(&str, Write, &str); 5] = [
+            (
+                "a change at the end is in the file and a later one is not",
+                |writer| {
+                    writer.change(100, Wire::Cs, false);
+                    writer.change(101, Wire::Cs, true);
+                    writer.finish(100)
+                },
+                "#62500\n0\"\n",
+            ),
+            (
+                "the last output",
+                |writer| {
+                    writer.change(20, Wire::Out8, false);
+                    writer.finish(30)
+                },
+                "#12500\n00\n#18750\n",
+            ),
+            (
+                "in the order of the times up to the safe time",
+                |writer| {
+                    writer.change(30, Wire::Can, false);
+                    writer.change(20, Wire::Cs, false);
+                    writer.advance(25)?;
+                    writer.change(28, Wire::Sck, false);
+                    writer.advance(30)?;
+                    writer.flush()
+                },
+                "#12500\n0\"\n#17500\n0#\n",
+            ),
+            (
+                "at one time together, and an equal level not at all",
+                |writer| {
+                    writer.change(20, Wire::Miso, false);
+                    writer.change(20, Wire::Can, false);
+                    writer.change(20, Wire::Miso, Level::Floating);
+                    writer.change(30, Wire::Can, false);
+                    writer.finish(40)
+                },
+                "#12500\n0!\nz%\n#25000\n",
+            ),
+            (
+                "cut changes are not written",
+                |writer| {
+                    writer.change(20, Wire::Txd, false);
+                    writer.change(40, Wire::Txd, true);
+                    writer.change(50, Wire::Rxd, false);
+                    writer.cut(30, Wire::Txd);
+                    writer.finish(100)
+                },
+                "#12500\n0'\n#31250\n0(\n#62500\n",
+            ),
+        ];
+        for (what, write, expected) in cases {
+            assert_eq!(file(7, write).1, expected, "{what}");
+        }
     }
 }

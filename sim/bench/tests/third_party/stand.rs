@@ -5,11 +5,10 @@
 //! that an error there shows.
 
 use bench::Cycles;
-use bench::avr::{Chip, SpiByte, SpiDevice};
-use bench::board::Board;
+use bench::board::{Board, WireEvent};
 use bench::can::{Fault, Frame, Id, SoftNode};
 use bench::mcp2515::{LoggedFrame, Mcp2515};
-use bench::wiring::{Pin, Wiring};
+use bench::wiring::Wiring;
 use bench::{Bench, target_dir};
 use std::cell::RefCell;
 use std::path::PathBuf;
@@ -34,51 +33,25 @@ pub enum ThirdParty {
     Mcp25xxWrongRxb1,
 }
 
-/// A CAN board for which the firmwares are built.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CanBoard {
-    /// CS on D9, 16 MHz, 1 Mbit/s.
-    Shield,
-    /// CS on D10, 8 MHz, 500 kbit/s.
-    Module,
-}
-
-/// The chip and the CAN board on which a firmware runs.
-pub type Place = (Chip, CanBoard);
+/// The Arduino and the CAN board on which a firmware runs: a shield with CS on D9, 16 MHz and 1
+/// Mbit/s, or a module with CS on D10, 8 MHz and 500 kbit/s.
+pub type Place = (&'static str, &'static str);
 
 /// The place in which every test runs. Some tests also run in the other places.
-pub const DEFAULT: Place = (Chip::Atmega168, CanBoard::Shield);
-pub const PLACES: [Place; 4] = [
-    DEFAULT,
-    (Chip::Atmega168, CanBoard::Module),
-    (Chip::Atmega328p, CanBoard::Shield),
-    (Chip::Atmega328p, CanBoard::Module),
-];
-
-fn wiring((chip, can_board): Place) -> Wiring {
-    let board = match chip {
-        Chip::Atmega168 => "diecimila",
-        Chip::Atmega328p => "uno",
-    };
-    let shield = match can_board {
-        CanBoard::Shield => "seeed",
-        CanBoard::Module => "module",
-    };
-    Wiring::of(board, shield).expect("boards of the table")
-}
+pub const DEFAULT: Place = ("diecimila", "seeed");
+pub const PLACES: [Place; 4] =
+    [DEFAULT, ("diecimila", "module"), ("uno", "seeed"), ("uno", "module")];
 
 impl ThirdParty {
-    fn elf(self, (chip, can_board): Place) -> PathBuf {
+    fn elf(self, wiring: &Wiring) -> PathBuf {
         let name = match self {
             ThirdParty::Mcp2515 => "third-party-mcp2515-crate",
             ThirdParty::Mcp25xx => "third-party-mcp25xx-crate",
             ThirdParty::Mcp25xxWrongRxb1 => "third-party-mcp25xx-wrong-rxb1",
         };
-        let suffix = match can_board {
-            CanBoard::Shield => "",
-            CanBoard::Module => "-module",
-        };
-        let path = target_dir().join(format!("avr-{}/firmware/{name}{suffix}.elf", chip.name()));
+        let suffix = if wiring.shield_name() == "module" { "-module" } else { "" };
+        let file = format!("avr-{}/firmware/{name}{suffix}.elf", wiring.chip.name());
+        let path = target_dir().join(file);
         assert!(path.exists(), "{} is missing: run `make third-party`", path.display());
         path
     }
@@ -124,10 +97,12 @@ pub struct Instruction {
 /// A firmware on a board, with a peer on its bus.
 pub struct Stand {
     firmware: ThirdParty,
+    place: Place,
     bench: Bench,
     peer: Rc<RefCell<SoftNode>>,
     chip: Rc<RefCell<Mcp2515>>,
-    instructions: Rc<RefCell<Vec<Instruction>>>,
+    /// The last one is in progress.
+    instructions: Vec<Instruction>,
     serial: Vec<u8>,
     reports: Vec<Report>,
     received: Vec<(Cycles, Frame)>,
@@ -144,21 +119,23 @@ impl Stand {
     /// rate of the board.
     #[track_caller]
     pub fn at(place: Place, firmware: ThirdParty) -> Stand {
-        let wiring = wiring(place);
+        let wiring = Wiring::of(place.0, place.1).expect("boards of the table");
         let bit_rate = wiring.fastest_bit_rate();
-        let board = Board::load_as(&firmware.elf(place), &wiring).expect("a firmware for the chip");
+        let board =
+            Board::load_as(&firmware.elf(&wiring), &wiring).expect("a firmware for the chip");
         let chip = board.chip();
         let mut bench = Bench::new(bit_rate);
         let index = bench.add_board(board, "third-party");
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("peer", peer.clone());
-        let instructions = record_spi(bench.board(index), &chip, wiring.cs);
+        bench.board(index).attach_probe();
         let mut stand = Stand {
             firmware,
+            place,
             bench,
             peer,
             chip,
-            instructions,
+            instructions: vec![Instruction::default()],
             serial: Vec::new(),
             reports: Vec::new(),
             received: Vec::new(),
@@ -257,7 +234,8 @@ impl Stand {
 
     /// Removes and returns the SPI instructions since the last call.
     pub fn take_instructions(&mut self) -> Vec<Instruction> {
-        self.instructions.take()
+        let current = self.instructions.pop().into_iter().collect();
+        std::mem::replace(&mut self.instructions, current)
     }
 
     /// Value of a register of the MCP2515.
@@ -280,13 +258,37 @@ impl Stand {
         violations.map(|violation| violation.to_string()).collect()
     }
 
-    /// Ends a test. Fails if the driver did something that the datasheet forbids.
+    /// The firmware has reported these frames since the last call. `what` says which case it is.
     #[track_caller]
-    pub fn assert_no_violations(mut self) {
-        assert_eq!(self.take_violations(), Vec::<String>::new(), "{:?}", self.firmware);
+    pub fn assert_reported(&mut self, frames: &[Frame], what: &str) {
+        let reported = self.take_frames_reported();
+        assert_eq!(reported, frames, "{:?} {:?} {what}", self.firmware, self.place);
+    }
+
+    /// The firmware has reported these frames, and sent their answers in the same order.
+    #[track_caller]
+    pub fn assert_answered(&mut self, frames: &[Frame], what: &str) {
+        self.assert_reported(frames, what);
+        let expected: Vec<Frame> = frames.iter().map(answer_to).collect();
+        assert_eq!(self.take_answers(), expected, "{:?} {:?} {what}", self.firmware, self.place);
     }
 
     fn collect(&mut self) {
+        for (at, event) in self.bench.board(0).take_wire_events() {
+            let current = self.instructions.last_mut().expect("one in progress");
+            match event {
+                WireEvent::Cs(false) => current.start = at,
+                WireEvent::Cs(true) => {
+                    current.end = at;
+                    self.instructions.push(Instruction::default());
+                }
+                WireEvent::Spi { byte, miso } => {
+                    current.mosi.push(byte.mosi);
+                    current.miso.push(miso);
+                }
+                _ => {}
+            }
+        }
         let bytes = self.bench.board(0).avr_mut().serial_take();
         for (_, byte) in bytes {
             if byte != b'\n' {
@@ -297,6 +299,16 @@ impl Stand {
             self.reports.push(Report::parse(&line));
         }
         self.received.extend(self.peer.borrow_mut().take_received());
+    }
+}
+
+/// Fails if the driver did something that the datasheet forbids.
+impl Drop for Stand {
+    fn drop(&mut self) {
+        if !std::thread::panicking() {
+            let violations = self.take_violations();
+            assert!(violations.is_empty(), "{:?} {:?} {violations:?}", self.firmware, self.place);
+        }
     }
 }
 
@@ -318,52 +330,4 @@ pub fn answer_to(frame: &Frame) -> Frame {
 
 pub fn milliseconds(cycles: Cycles) -> u64 {
     cycles / CYCLES_PER_MS
-}
-
-/// The MCP2515, with a recorder of the bytes on its SPI.
-struct Recorder {
-    chip: Rc<RefCell<Mcp2515>>,
-    current: Rc<RefCell<Instruction>>,
-}
-
-impl SpiDevice for Recorder {
-    fn begin_byte(&mut self, at: Cycles) {
-        self.chip.borrow_mut().begin_byte(at);
-    }
-
-    fn end_byte(&mut self, byte: &SpiByte) -> u8 {
-        let miso = self.chip.borrow_mut().end_byte(byte.mosi, byte.end);
-        let mut current = self.current.borrow_mut();
-        current.mosi.push(byte.mosi);
-        current.miso.push(miso);
-        miso
-    }
-}
-
-/// Records all instructions on the SPI between the AVR and the chip.
-fn record_spi(
-    board: &mut Board,
-    chip: &Rc<RefCell<Mcp2515>>,
-    cs: Pin,
-) -> Rc<RefCell<Vec<Instruction>>> {
-    let instructions = Rc::new(RefCell::new(Vec::new()));
-    let current = Rc::new(RefCell::new(Instruction::default()));
-    board
-        .avr_mut()
-        .connect_spi(Box::new(Recorder { chip: chip.clone(), current: current.clone() }));
-    let finished = instructions.clone();
-    board.avr_mut().watch_pin(
-        cs.port(),
-        cs.bit(),
-        Box::new(move |level, at| {
-            let mut current = current.borrow_mut();
-            if level {
-                current.end = at;
-                finished.borrow_mut().push(std::mem::take(&mut *current));
-            } else {
-                current.start = at;
-            }
-        }),
-    );
-    instructions
 }
