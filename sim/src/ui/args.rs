@@ -644,13 +644,9 @@ mod tests {
         );
         let servo = wiring("sim --cs D8 --servo D9").unwrap();
         assert_eq!((servo.servo.to_string().as_str(), servo.cs.to_string().as_str()), ("D9", "D8"));
-        for (line, advice) in [
-            ("sim --board due", "use diecimila, "),
-            ("sim --shield due", "use module, "),
-            ("sim --cs D13", "D13, which is SCK's"),
-            ("sim --servo D9", "D9, which is CS's"),
-            ("sim --servo D6", "only D9 and D10"),
-        ] {
+        for (line, advice) in
+            [("sim --servo D9", "D9, which is CS's"), ("sim --servo D6", "only D9 and D10")]
+        {
             let error = wiring(line).unwrap_err().to_string();
             assert!(error.contains(advice), "{error}");
         }
@@ -691,41 +687,45 @@ mod tests {
 
     #[test]
     fn the_options_choose_the_autopilot_and_its_settings() {
-        let settings = |line| parse(line).unwrap().autopilot().unwrap();
-        let chosen = |line| {
-            settings(line)
-                .map(|s| (s.node_id.get(), s.actuator, s.command_type, s.allocates))
-                .unwrap()
-        };
-        assert_eq!(
-            chosen("sim --autopilot ardupilot --allocate"),
-            (10, 1, CommandType::Unitless, true)
-        );
-        assert_eq!(
-            chosen("sim --autopilot ardupilot-pwm --autopilot-id 3"),
-            (3, 1, CommandType::Pwm, false)
-        );
-        assert_eq!(
-            chosen("sim --autopilot px4 --actuator 0"),
-            (1, 0, CommandType::Unitless, false)
-        );
-        assert_eq!(chosen("sim --autopilot thesis"), (1, 1, CommandType::Thesis, false));
-        let dialect = |line| settings(line).map(|s| (s.dialect, s.command_type, s.only)).unwrap();
-        assert_eq!(dialect("sim"), (Dialect::V0, CommandType::Unitless, None));
-        let draft = dialect("sim --dialect draft --only status");
-        assert_eq!(draft, (Dialect::Draft, CommandType::Unitless, Some(Only::Status)));
-        let draft = dialect("sim --dialect draft --autopilot thesis --only commands");
-        assert_eq!(draft, (Dialect::Draft, CommandType::Thesis, Some(Only::Commands)));
-        assert!(
-            settings("sim --autopilot none").is_none() && settings("sim --no-autopilot").is_none()
-        );
-        let moves = |line| settings(line).map(|s| (s.actuator, s.moves, s.motors)).unwrap();
-        assert_eq!(
-            moves("sim --autopilot ardupilot --actuator all --motors 20"),
-            (1, Moves::All, 20)
-        );
-        assert_eq!(moves("sim --autopilot px4 --actuator all --motors 12"), (0, Moves::All, 12));
-        assert_eq!(moves("sim --autopilot px4 --actuator 7"), (7, Moves::One, 0));
+        use CommandType::{Pwm, Thesis, Unitless};
+        let settings = |line: &str| parse(line).unwrap().autopilot().unwrap();
+        for (line, id, actuator, command_type) in [
+            ("sim --autopilot ardupilot", 10, 1, Unitless),
+            ("sim --autopilot ardupilot-pwm --autopilot-id 3", 3, 1, Pwm),
+            ("sim --autopilot px4 --actuator 0", 1, 0, Unitless),
+            ("sim --autopilot px4 --actuator 7", 1, 7, Unitless),
+            ("sim --autopilot thesis", 1, 1, Thesis),
+        ] {
+            let found = settings(line).unwrap();
+            let found = (found.node_id.get(), found.actuator, found.command_type, found.moves);
+            assert_eq!(found, (id, actuator, command_type, Moves::One), "{line}");
+        }
+        for (line, dialect, command_type, only) in [
+            ("sim", Dialect::V0, Unitless, None),
+            ("sim --dialect draft --only status", Dialect::Draft, Unitless, Some(Only::Status)),
+            (
+                "sim --dialect draft --autopilot thesis --only commands",
+                Dialect::Draft,
+                Thesis,
+                Some(Only::Commands),
+            ),
+        ] {
+            let found = settings(line).unwrap();
+            let found = (found.dialect, found.command_type, found.only);
+            assert_eq!(found, (dialect, command_type, only), "{line}");
+        }
+        for (line, actuator, motors) in [
+            ("sim --autopilot ardupilot --actuator all --motors 20", 1, 20),
+            ("sim --autopilot px4 --actuator all --motors 12", 0, 12),
+        ] {
+            let found = settings(line).unwrap();
+            let found = (found.actuator, found.moves, found.motors);
+            assert_eq!(found, (actuator, Moves::All, motors), "{line}");
+        }
+        let allocates = |line| settings(line).unwrap().allocates;
+        assert!(allocates("sim --allocate") && !allocates("sim"));
+        let without = ["sim --autopilot none", "sim --no-autopilot"].map(settings);
+        assert!(without.iter().all(Option::is_none));
         for (line, advice) in [
             ("sim --actuator all", "--autopilot ardupilot or px4"),
             ("sim --motors 4", "--autopilot ardupilot or px4"),

@@ -169,108 +169,77 @@ mod tests {
     const POPUPS: [Option<Popup>; 4] =
         [None, Some(Popup::Faults), Some(Popup::Types), Some(Popup::Help)];
 
-    fn press_in(popup: Option<Popup>, code: KeyCode) -> Option<Action> {
-        action(KeyEvent::new(code, KeyModifiers::NONE), popup)
-    }
-
-    fn press(code: KeyCode) -> Option<Action> {
-        press_in(None, code)
-    }
-
     #[test]
     fn each_key_has_its_action() {
-        let cases = [
-            (KeyCode::Left, Action::Nudge(-5)),
-            (KeyCode::Right, Action::Nudge(5)),
-            (KeyCode::Char('s'), Action::ToggleSweep),
-            (KeyCode::Char('t'), Action::Warm(-1)),
-            (KeyCode::Char('T'), Action::Warm(1)),
-            (KeyCode::Char('u'), Action::Spin(-1)),
-            (KeyCode::Char('U'), Action::Spin(1)),
-            (KeyCode::Char('c'), Action::Inject(Fault::Cable)),
-            (KeyCode::Char('a'), Action::Inject(Fault::Silence)),
-            (KeyCode::Char('o'), Action::Inject(Fault::OtherDialect)),
-            (KeyCode::Char('d'), Action::Inject(Fault::Disarm)),
-            (KeyCode::Char('f'), Action::Toggle(Popup::Faults)),
-            (KeyCode::Char('x'), Action::EndAll),
-            (KeyCode::Char('/'), Action::Toggle(Popup::Types)),
-            (KeyCode::Esc, Action::Close),
-            (KeyCode::Char('r'), Action::Inject(Fault::Reset)),
-            (KeyCode::Char('p'), Action::TogglePause),
-            (KeyCode::Char('l'), Action::ToggleLoad),
-            (KeyCode::Char('v'), Action::NextCommandType),
-            (KeyCode::Char('?'), Action::Toggle(Popup::Help)),
-            (KeyCode::PageUp, Action::Scroll(1)),
-            (KeyCode::Char('q'), Action::Quit),
+        use Action::{End, Inject, Nudge, Scroll, Select, Spin, Toggle, Warm};
+        let no_list: &[(&str, Action)] = &[
+            ("left", Nudge(-5)),
+            ("right", Nudge(5)),
+            ("s", Action::ToggleSweep),
+            ("t", Warm(-1)),
+            ("T", Warm(1)),
+            ("u", Spin(-1)),
+            ("U", Spin(1)),
+            ("c", Inject(Fault::Cable)),
+            ("a", Inject(Fault::Silence)),
+            ("o", Inject(Fault::OtherDialect)),
+            ("d", Inject(Fault::Disarm)),
+            ("f", Toggle(Popup::Faults)),
+            ("x", Action::EndAll),
+            ("/", Toggle(Popup::Types)),
+            ("r", Inject(Fault::Reset)),
+            ("p", Action::TogglePause),
+            ("space", Action::TogglePause),
+            ("l", Action::ToggleLoad),
+            ("v", Action::NextCommandType),
+            ("?", Toggle(Popup::Help)),
+            ("PgUp", Scroll(1)),
+            ("q", Action::Quit),
+            // Not the cable's.
+            ("Ctrl-C", Action::Quit),
+            ("4", End(Fault::NoAck)),
         ];
-        for (code, expected) in cases {
-            assert_eq!(press(code), Some(expected), "{code}");
+        let types: &[(&str, Action)] = &[
+            ("space", Action::ToggleType),
+            ("Enter", Action::ShowAllTypes),
+            ("up", Select(-1)),
+            ("down", Select(1)),
+            ("4", End(Fault::NoAck)),
+        ];
+        let faults: &[(&str, Action)] =
+            &[("4", Inject(Fault::NoAck)), ("A", Inject(Fault::ErrorStorm))];
+        let help: &[(&str, Action)] = &[("4", End(Fault::NoAck)), ("Ctrl-Z", Action::Suspend)];
+        for (popup, rows) in POPUPS.into_iter().zip([no_list, faults, types, help]) {
+            for (name, expected) in rows.iter().chain(&[("Esc", Action::Close)]) {
+                let found = action(keys_in(name)[0], popup);
+                assert_eq!(found, Some(*expected), "{name} in {popup:?}");
+            }
         }
-        assert_eq!(press(KeyCode::Char('z')), None);
-    }
-
-    #[test]
-    fn control_c_quits_and_does_not_pull_the_cable() {
-        let key = |letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::CONTROL);
-        assert_eq!(action(key('c'), None), Some(Action::Quit));
-        assert_eq!(action(key('z'), Some(Popup::Help)), Some(Action::Suspend));
-    }
-
-    #[test]
-    fn a_digit_begins_a_fault_only_in_the_list_and_ends_it_anywhere() {
-        let digit = KeyCode::Char('4');
-        assert_eq!(press_in(Some(Popup::Faults), digit), Some(Action::Inject(Fault::NoAck)));
-        for popup in [None, Some(Popup::Types), Some(Popup::Help)] {
-            assert_eq!(press_in(popup, digit), Some(Action::End(Fault::NoAck)));
-        }
-        assert_eq!(press_in(Some(Popup::Faults), KeyCode::Char('0')), None);
-    }
-
-    #[test]
-    fn space_and_arrows_act_on_the_list_of_types_only_while_it_is_open() {
-        let types = Some(Popup::Types);
-        assert_eq!(press_in(types, KeyCode::Char(' ')), Some(Action::ToggleType));
-        assert_eq!(press_in(types, KeyCode::Enter), Some(Action::ShowAllTypes));
-        assert_eq!(press_in(types, KeyCode::Up), Some(Action::Select(-1)));
-        assert_eq!(press_in(types, KeyCode::Down), Some(Action::Select(1)));
-        assert_eq!(press(KeyCode::Char(' ')), Some(Action::TogglePause));
-        assert_eq!(
-            (press(KeyCode::Enter), press(KeyCode::Up), press(KeyCode::Down)),
-            (None, None, None)
-        );
-    }
-
-    #[test]
-    fn esc_closes_and_never_quits() {
-        for popup in POPUPS {
-            assert_eq!(press_in(popup, KeyCode::Esc), Some(Action::Close), "{popup:?}");
+        let without_action =
+            [(None, "z"), (None, "Enter"), (None, "up"), (None, "down"), (None, "A")];
+        for (popup, name) in
+            without_action.into_iter().chain(["0", "Z"].map(|name| (Some(Popup::Faults), name)))
+        {
+            assert_eq!(action(keys_in(name)[0], popup), None, "{name} in {popup:?}");
         }
     }
 
     #[test]
     fn each_fault_names_its_key() {
-        let key = |name: &str| key_of(name.parse().unwrap());
-        assert_eq!(
-            (key("cable"), key("silence"), key("disarm")),
-            (Some('c'), Some('a'), Some('d'))
-        );
-        assert_eq!(
-            (key("bit-error"), key("stuck-dominant"), key("error-storm")),
-            (Some('1'), Some('5'), Some('A'))
-        );
+        for (name, key) in [
+            ("cable", 'c'),
+            ("silence", 'a'),
+            ("disarm", 'd'),
+            ("bit-error", '1'),
+            ("stuck-dominant", '5'),
+            ("error-storm", 'A'),
+        ] {
+            assert_eq!(key_of(name.parse().unwrap()), Some(key), "{name}");
+        }
         let mut keys: Vec<char> = ALL.into_iter().map(|fault| key_of(fault).unwrap()).collect();
         keys.sort_unstable();
         keys.dedup();
         assert_eq!(keys.len(), ALL.len(), "each fault has its own key");
-    }
-
-    #[test]
-    fn a_capital_letter_begins_a_fault_only_in_the_list() {
-        let letter = KeyCode::Char('A');
-        let storm = Some(Action::Inject(Fault::ErrorStorm));
-        assert_eq!(press_in(Some(Popup::Faults), letter), storm);
-        assert_eq!((press(letter), press(KeyCode::Char('T'))), (None, Some(Action::Warm(1))));
-        assert_eq!(press_in(Some(Popup::Faults), KeyCode::Char('Z')), None);
     }
 
     /// Some terminals report a key twice, when it is pressed and when it is released.
@@ -283,36 +252,26 @@ mod tests {
 
     /// The keys in a line of the help.
     fn keys_in(names: &str) -> Vec<KeyEvent> {
-        let key = |name| {
-            let code = match name {
-                "left" => KeyCode::Left,
-                "right" => KeyCode::Right,
-                "up" => KeyCode::Up,
-                "down" => KeyCode::Down,
-                "space" => KeyCode::Char(' '),
-                "Enter" => KeyCode::Enter,
-                "PgUp" => KeyCode::PageUp,
-                "PgDn" => KeyCode::PageDown,
-                "End" => KeyCode::End,
-                "Esc" => KeyCode::Esc,
-                "Ctrl-C" => return vec![KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL)],
-                "Ctrl-Z" => return vec![KeyEvent::new(KeyCode::Char('z'), KeyModifiers::CONTROL)],
-                "A..P" => {
-                    return ('A'..='P')
-                        .map(|letter| KeyEvent::new(KeyCode::Char(letter), KeyModifiers::NONE))
-                        .collect();
-                }
-                "1..9" => {
-                    return ('1'..='9')
-                        .map(|digit| KeyEvent::new(KeyCode::Char(digit), KeyModifiers::NONE))
-                        .collect();
-                }
-                _ => {
-                    assert_eq!(name.len(), 1, "{name} is not a key");
-                    KeyCode::Char(name.chars().next().unwrap())
-                }
-            };
-            vec![KeyEvent::new(code, KeyModifiers::NONE)]
+        let plain = |code| KeyEvent::new(code, KeyModifiers::NONE);
+        let key = |name: &str| match name {
+            "left" => vec![plain(KeyCode::Left)],
+            "right" => vec![plain(KeyCode::Right)],
+            "up" => vec![plain(KeyCode::Up)],
+            "down" => vec![plain(KeyCode::Down)],
+            "space" => vec![plain(KeyCode::Char(' '))],
+            "Enter" => vec![plain(KeyCode::Enter)],
+            "PgUp" => vec![plain(KeyCode::PageUp)],
+            "PgDn" => vec![plain(KeyCode::PageDown)],
+            "End" => vec![plain(KeyCode::End)],
+            "Esc" => vec![plain(KeyCode::Esc)],
+            "Ctrl-C" => vec![KeyEvent::new(KeyCode::Char('c'), KeyModifiers::CONTROL)],
+            "Ctrl-Z" => vec![KeyEvent::new(KeyCode::Char('z'), KeyModifiers::CONTROL)],
+            "A..P" => ('A'..='P').map(|letter| plain(KeyCode::Char(letter))).collect(),
+            "1..9" => ('1'..='9').map(|digit| plain(KeyCode::Char(digit))).collect(),
+            _ => {
+                assert_eq!(name.len(), 1, "{name} is not a key");
+                name.chars().map(|letter| plain(KeyCode::Char(letter))).collect()
+            }
         };
         names.split(' ').flat_map(key).collect()
     }

@@ -14,7 +14,6 @@ use super::traffic::{Origin, TrafficLine};
 use crate::fault::Fault;
 use crate::time::{micros, seconds};
 use bench::Cycles;
-use bench::budget::Budget;
 use bench::can::ErrorState;
 use bench::dronecan::broadcast::hardpoint_text;
 use bench::dronecan::{Dialect, Health, Rpm};
@@ -361,7 +360,7 @@ fn shaft_line(state: &State) -> Option<Line<'static>> {
 fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool) {
     let Wiring { servo, sensor, .. } = &state.wiring;
     let throttle = state.throttle();
-    let is_motor = throttle.is_some() || state.escs.has(1);
+    let is_motor = state.is_motor();
     let name = match (state.output_widths().is_empty(), is_motor) {
         (true, false) => "Servo",
         (true, true) => "Motor",
@@ -371,14 +370,13 @@ fn draw_servo(frame: &mut Frame<'_>, area: Rect, state: &State, with_dial: bool)
     let inner = block.inner(area);
     frame.render_widget(block, area);
     let pulse_us = state.servo.pulse.map(micros);
-    let pulse = match (pulse_us, state.servo.period) {
-        (Some(pulse), Some(period)) => Line::from(vec![
-            Span::from(format!("pulse {pulse:.1} us")).bold(),
-            Span::from(format!("  period {:.3} ms", micros(period) / 1e3)),
-        ]),
-        (Some(pulse), None) => Line::from(format!("pulse {pulse:.1} us")).bold(),
-        (None, _) if is_motor => Line::styled("no pulse: the motor is off", WARN),
-        (None, _) => Line::styled("no pulse: the servo is free", WARN),
+    let pulse = match &state.servo.words()[..] {
+        [width, period @ ..] => {
+            let period = period.iter().map(|period| Span::from(format!("  {period}")));
+            Line::from_iter([Span::from(width.clone()).bold()].into_iter().chain(period))
+        }
+        [] if is_motor => Line::styled("no pulse: the motor is off", WARN),
+        [] => Line::styled("no pulse: the servo is free", WARN),
     };
     let position = match throttle {
         Some(Throttle { percent, is_oneshot125: true }) => {
@@ -560,14 +558,15 @@ fn draw_node(frame: &mut Frame<'_>, area: Rect, state: &State) {
         lines[0] = Line::styled("CRASHED", BAD);
     }
     let memory = &state.memory;
-    let limit = |of: fn(Budget) -> u32| memory.limits.map(of);
-    let (text, style) = amount("flash ", memory.flash, limit(|limits| limits.flash), " of ");
+    let limit = memory.limit(|limits| limits.flash);
+    let (text, style) = amount("flash ", memory.flash, limit, " of ");
     lines.push(Line::styled(format!("{text} B"), style));
     if let Some(statics) = memory.statics {
-        let (text, style) = amount("statics ", statics, limit(|limits| limits.statics), "/");
+        let limit = memory.limit(|limits| limits.statics);
+        let (text, style) = amount("statics ", statics, limit, "/");
         let mut line = Line::styled(text, style);
         if let Some(stack) = memory.stack {
-            let limit = limit(|limits| limits.statics_and_stack);
+            let limit = memory.limit(|limits| limits.statics_and_stack);
             let (text, style) = amount(", RAM ", statics + stack, limit, "/");
             line.push_span(Span::styled(text, style));
         }
@@ -695,7 +694,7 @@ fn traffic_line(line: &TrafficLine, columns: usize) -> Line<'static> {
         Origin::Broken => BAD,
     };
     let time = format!("{:10.4} ", seconds(line.at));
-    let rest = cut(&format!("{:>4} {}", line.who, line.text), columns.saturating_sub(time.len()));
+    let rest = cut(&line.to_string(), columns.saturating_sub(time.len()));
     Line::from(vec![Span::styled(time, DIM), Span::styled(rest, style)])
 }
 

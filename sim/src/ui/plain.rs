@@ -138,8 +138,7 @@ impl<W: Write> Plain<W> {
     fn print_transfer(&mut self, at: Cycles, line: TrafficLine) -> io::Result<()> {
         // An error frame has a line of its own.
         if self.every_transfer && line.name != ERROR_FRAME {
-            let text = format!("{:>4} {}", line.who, line.text);
-            self.line(at, "frame", &text)?;
+            self.line(at, "frame", &line.to_string())?;
         }
         *self.counts.entry((line.who, line.name)).or_default() += 1;
         Ok(())
@@ -150,23 +149,14 @@ impl<W: Write> Plain<W> {
         if self.last_pulse == Some(pulse) {
             return Ok(());
         }
-        let text = match pulse {
-            Some(width) => match state.servo.period {
-                Some(period) => {
-                    format!("pulse {:.1} us, period {:.3} ms", micros(width), micros(period) / 1e3)
-                }
-                None => format!("pulse {:.1} us", micros(width)),
-            },
-            None => String::from("no pulse"),
-        };
         self.last_pulse = Some(pulse);
-        match state.throttle() {
-            Some(Throttle { percent, is_oneshot125 }) => {
-                let kind = if is_oneshot125 { " of OneShot125" } else { "" };
-                self.line(state.now, "motor", &format!("throttle {percent:.1} %{kind}, {text}"))
-            }
-            None => self.line(state.now, if state.escs.has(1) { "motor" } else { "servo" }, &text),
+        let mut words = state.servo.words();
+        if let Some(Throttle { percent, is_oneshot125 }) = state.throttle() {
+            let kind = if is_oneshot125 { " of OneShot125" } else { "" };
+            words.insert(0, format!("throttle {percent:.1} %{kind}"));
         }
+        let text = if words.is_empty() { String::from("no pulse") } else { words.join(", ") };
+        self.line(state.now, state.moved(), &text)
     }
 
     fn print_outputs(&mut self, state: &State) -> io::Result<()> {
@@ -285,7 +275,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
         line("served within", format!("{:.1} us of the end of a frame", micros(worst)));
     }
     line(
-        if state.escs.has(1) { "motor" } else { "servo" },
+        state.moved(),
         match &state.autopilot {
             Some(autopilot) => {
                 format!("{} pulses for {} commands", state.servo.count, autopilot.commands_sent)
@@ -294,7 +284,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
         },
     );
     let of = |limit: fn(Budget) -> u32| {
-        memory.limits.map_or(String::new(), |limits| format!(" of {}", limit(limits)))
+        memory.limit(limit).map_or(String::new(), |limit| format!(" of {limit}"))
     };
     line("flash", format!("{}{} B", memory.flash, of(|limits| limits.flash)));
     if let Some(statics) = memory.statics {
@@ -302,7 +292,7 @@ pub fn summary(state: &State, speed: Measured) -> String {
     }
     if let (Some(stack), Some(sp)) = (memory.stack, state.lowest_sp()) {
         let ram = state.wiring.chip.ram_bytes() as u32;
-        let limit = memory.limits.map_or(ram, |limits| limits.statics_and_stack);
+        let limit = memory.limit(|limits| limits.statics_and_stack).unwrap_or(ram);
         let with_statics = memory.statics.map_or(String::new(), |statics| {
             format!(", with statics {} of {limit} B", statics + stack)
         });
@@ -339,7 +329,6 @@ mod tests {
     use super::super::escs::Escs;
     use super::super::state::Memory;
     use super::super::state::battery_info;
-    use super::super::traffic::Origin;
     use super::*;
     use bench::avr::Chip;
     use bench::can::Frame;
@@ -354,13 +343,8 @@ mod tests {
     }
 
     fn command(at: Cycles) -> Event {
-        Event::Traffic(TrafficLine {
-            at,
-            origin: Origin::Other,
-            who: String::from("1"),
-            name: String::from("ArrayCommand"),
-            text: String::from("ArrayCommand id 1 unitless +0.50"),
-        })
+        let text = "ArrayCommand id 1 unitless +0.50";
+        Event::Traffic(TrafficLine::sample(at, "ArrayCommand", text))
     }
 
     #[test]
@@ -411,180 +395,124 @@ mod tests {
         assert!(text.contains("frame      1 ArrayCommand id 1 unitless +0.50\n"), "{text}");
     }
 
-    #[test]
-    fn a_changing_pulse_is_printed_each_half_second() {
+    const MS: Cycles = F_CPU_HZ / 1000;
+
+    /// The lines with one of `topics` that a plain view prints while `change` changes the state at
+    /// each of `times`.
+    fn lines(
+        topics: &[&str],
+        times: impl IntoIterator<Item = Cycles>,
+        mut change: impl FnMut(&mut State, Cycles),
+    ) -> Vec<String> {
         let mut state = State::new(1_000_000);
         let mut out = Vec::new();
         let mut plain = Plain::new(&mut out, false);
-        for number in 1..100 {
-            let start = number * F_CPU_HZ / 50;
-            state.add_pulse(start, 24_000 + number, Some(F_CPU_HZ / 50));
-            state.advance_to(start);
+        for now in times {
+            change(&mut state, now);
+            state.advance_to(now);
             plain.step(&mut state).unwrap();
         }
         let text = String::from_utf8(out).unwrap();
-        let pulses = text.lines().filter(|l| l.contains("servo   pulse")).count();
-        assert_eq!(pulses, 4, "{text}");
-        assert!(text.contains("period 20.000 ms"), "{text}");
+        let lines = text.lines().map(|line| line.trim().to_owned());
+        lines.filter(|line| topics.iter().any(|topic| line.contains(topic))).collect()
+    }
+
+    #[test]
+    fn a_changing_pulse_is_printed_each_half_second_and_a_steady_one_once() {
+        let starts = || (1..100).map(|number| number * 20 * MS);
+        let changing = lines(&["servo   pulse"], starts(), |state, now| {
+            state.add_pulse(now, 24_000 + now / (20 * MS), Some(20 * MS));
+        });
+        assert_eq!(changing.len(), 4, "{changing:?}");
+        assert!(changing[0].ends_with("period 20.000 ms"), "{changing:?}");
+        let steady = lines(&["servo"], starts(), |state, now| state.add_pulse(now, 24_000, None));
+        assert_eq!(steady.len(), 1, "{steady:?}");
+    }
+
+    #[test]
+    fn the_first_pulse_and_the_end_of_pulses_are_printed_at_once() {
+        let printed = lines(&["servo"], (1..=300).map(|number| number * MS), |state, now| {
+            if now == 100 * MS {
+                state.add_pulse(now, 24_000, None);
+            }
+        });
+        let expected = [
+            "0.001000 servo   no pulse",
+            "0.100000 servo   pulse 1500.0 us",
+            "0.201000 servo   no pulse",
+        ];
+        assert_eq!(printed, expected);
     }
 
     #[test]
     fn motors_are_printed_with_their_throttle() {
-        let fast = F_CPU_HZ / 400;
-        let slow = F_CPU_HZ / 50;
+        let (fast, slow) = (F_CPU_HZ / 400, 20 * MS);
         /// Pulses of output 1 and output 2 in us, period, outputs of --escs; lines.
-        type Case = ([u64; 2], u64, &'static [u8], [&'static str; 2]);
+        type Case = ([u64; 2], u64, &'static [u8], &'static str, &'static str);
+        let of_oneshot = "motor   throttle 40.0 % of OneShot125, pulse 175.0 us, period 20.000 ms";
+        let servo = "servo   pulse 1500.0 us, period 20.000 ms";
+        let motor = "motor   throttle 25.0 %, pulse 1250.0 us, period 2.500 ms";
         let cases: [Case; 4] = [
-            (
-                [1250, 2000],
-                fast,
-                &[],
-                [
-                    "motor   throttle 25.0 %, pulse 1250.0 us, period 2.500 ms",
-                    "outputs 2 to 3: 100.0 %, 100.0 %",
-                ],
-            ),
-            (
-                [175, 125],
-                slow,
-                &[],
-                [
-                    "motor   throttle 40.0 % of OneShot125, pulse 175.0 us, period 20.000 ms",
-                    "outputs 2 to 3: 0.0 %, 0.0 %",
-                ],
-            ),
-            (
-                [1500, 1100],
-                slow,
-                &[2],
-                ["servo   pulse 1500.0 us, period 20.000 ms", "outputs 2 to 3: 10.0 %, 1100.0 us"],
-            ),
-            (
-                [1500, 1100],
-                slow,
-                &[],
-                ["servo   pulse 1500.0 us, period 20.000 ms", "outputs 2 to 3: 1100.0 1100.0 us"],
-            ),
+            ([1250, 2000], fast, &[], motor, "outputs 2 to 3: 100.0 %, 100.0 %"),
+            ([175, 125], slow, &[], of_oneshot, "outputs 2 to 3: 0.0 %, 0.0 %"),
+            ([1500, 1100], slow, &[2], servo, "outputs 2 to 3: 10.0 %, 1100.0 us"),
+            ([1500, 1100], slow, &[], servo, "outputs 2 to 3: 1100.0 1100.0 us"),
         ];
-        for ([first, second], period, escs, lines) in cases {
+        for ([first, second], period, escs, first_line, others) in cases {
             let mut state = State::new(1_000_000);
             state.escs = Escs::new(escs);
             state.add_pulse(0, first * 16, Some(period));
             state.set_output_pulses([Some((0, second * 16)); 2]);
             let text = printed(&mut state, false);
             let seen: Vec<&str> = text.lines().map(|line| line[14..].trim()).collect();
-            assert!(lines.iter().all(|line| seen.contains(line)), "{lines:?}: {text}");
+            assert!(seen.contains(&first_line) && seen.contains(&others), "{others}: {text}");
         }
     }
 
     #[test]
     fn further_outputs_and_the_circuit_are_printed_each_half_second_while_they_change() {
-        let mut state = State::new(1_000_000);
-        let mut out = Vec::new();
-        let mut plain = Plain::new(&mut out, false);
-        for number in 1..=150 {
-            let now = number * F_CPU_HZ / 50;
-            if number <= 100 {
+        let times = (1..=150).map(|number| number * 20 * MS);
+        let printed = lines(&["outputs", "power"], times, |state, now| {
+            if now <= 2000 * MS {
                 state.add_pulse(now, 24_000, None);
-                let width = if number < 60 { 16_000 } else { 24_008 };
+                let width = if now < 1200 * MS { 16_000 } else { 24_008 };
                 state.set_output_pulses([Some((now, width)), None, Some((now, 24_000)), None]);
             }
-            state.measured.circuit = (number > 30).then(|| CircuitStatus {
+            state.measured.circuit = (now > 600 * MS).then(|| CircuitStatus {
                 circuit: 120,
                 voltage: f16::from_f32(12.6),
                 current: f16::from_f32(3.2),
                 errors: 0,
             });
-            state.advance_to(now);
-            plain.step(&mut state).unwrap();
-        }
-        let text = String::from_utf8(out).unwrap();
-        let lines: Vec<&str> = text
-            .lines()
-            .filter(|line| line.contains("outputs") || line.contains("power"))
-            .map(str::trim)
-            .collect();
+        });
         let expected = [
             "0.020000 outputs 2 to 4: 1000.0 - 1500.0 us",
             "1.020000 power   circuit 120 12.60 V 3.20 A",
             "1.520000 outputs 2 to 4: 1500.5 - 1500.0 us",
             "2.120000 outputs no pulse but that of output 1",
         ];
-        assert_eq!(lines, expected);
+        assert_eq!(printed, expected);
     }
 
     #[test]
-    fn the_battery_is_printed_when_it_changes() {
-        let mut state = State::new(1_000_000);
-        let mut out = Vec::new();
-        let mut plain = Plain::new(&mut out, false);
-        for (second, charge) in [(1, 80), (2, 80), (3, 79)] {
-            state.measured.battery = Some(battery_info(40.0, charge));
-            state.advance_to(second * F_CPU_HZ);
-            plain.step(&mut state).unwrap();
-        }
-        let text = String::from_utf8(out).unwrap();
-        let lines: Vec<&str> =
-            text.lines().filter(|line| line.contains("battery")).map(str::trim).collect();
-        let expected = [(1, 80), (3, 79)].map(|(second, charge)| {
-            format!("{second}.000000 power   battery 3 12.60 V 3.20 A {charge} % 40.0 Wh")
-        });
-        assert_eq!(lines, expected);
-    }
-
-    #[test]
-    fn the_revolutions_are_printed_when_they_change() {
-        let mut state = State::new(1_000_000);
-        let mut out = Vec::new();
-        let mut plain = Plain::new(&mut out, false);
-        for (second, flags, rpm) in [(1, 0, 6000.0), (2, 0, 6000.0), (3, 0, 61.75), (4, 1, 0.0)] {
+    fn the_battery_and_the_revolutions_are_printed_when_they_change() {
+        let (charges, speeds) =
+            ([80, 80, 79, 79], [(0, 6000.0), (0, 6000.0), (0, 61.75), (1, 0.0)]);
+        let times = (1..=4).map(|second| second * F_CPU_HZ);
+        let printed = lines(&["battery", "rpm"], times, |state, now| {
+            let index = (now / F_CPU_HZ - 1) as usize;
+            let (flags, rpm) = speeds[index];
+            state.measured.battery = Some(battery_info(40.0, charges[index]));
             state.measured.rpm = Some(Rpm { sensor: 3, flags, rpm });
-            state.advance_to(second * F_CPU_HZ);
-            plain.step(&mut state).unwrap();
-        }
-        let text = String::from_utf8(out).unwrap();
-        let lines: Vec<&str> =
-            text.lines().filter(|line| line.contains("rpm")).map(str::trim).collect();
+        });
         let expected = [
+            "1.000000 power   battery 3 12.60 V 3.20 A 80 % 40.0 Wh",
             "1.000000 shaft   3 6000 rpm",
+            "3.000000 power   battery 3 12.60 V 3.20 A 79 % 40.0 Wh",
             "3.000000 shaft   3 61.8 rpm",
             "4.000000 shaft   3 0 rpm UNHEALTHY",
         ];
-        assert_eq!(lines, expected);
-    }
-
-    #[test]
-    fn a_steady_pulse_is_printed_once() {
-        let mut state = State::new(1_000_000);
-        let mut out = Vec::new();
-        let mut plain = Plain::new(&mut out, false);
-        for number in 1..200 {
-            let start = number * F_CPU_HZ / 50;
-            state.add_pulse(start, 24_000, None);
-            state.advance_to(start);
-            plain.step(&mut state).unwrap();
-        }
-        let text = String::from_utf8(out).unwrap();
-        assert_eq!(text.lines().filter(|l| l.contains("servo")).count(), 1, "{text}");
-    }
-
-    #[test]
-    fn the_first_pulse_and_the_end_of_pulses_are_printed_at_once() {
-        let mut state = State::new(1_000_000);
-        let mut out = Vec::new();
-        let mut plain = Plain::new(&mut out, false);
-        let ms = F_CPU_HZ / 1000;
-        for now in (1..=300).map(|number| number * ms) {
-            if now == 100 * ms {
-                state.add_pulse(now, 24_000, None);
-            }
-            state.advance_to(now);
-            plain.step(&mut state).unwrap();
-        }
-        let text = String::from_utf8(out).unwrap();
-        assert!(text.contains("0.001000 servo   no pulse"), "{text}");
-        assert!(text.contains("0.100000 servo   pulse 1500.0 us"), "{text}");
-        assert!(text.contains("0.201000 servo   no pulse"), "{text}");
+        assert_eq!(printed, expected);
     }
 
     #[test]
@@ -646,26 +574,14 @@ mod tests {
     }
 
     #[test]
-    fn the_summary_of_a_program_without_limits_names_no_limits() {
+    fn the_summary_leaves_out_limits_statics_and_a_stack_that_are_not_known() {
         let mut state = State::new(1_000_000);
-        state.memory.flash = 9_876;
-        state.memory.statics = Some(312);
+        state.memory = Memory { flash: 9_876, statics: Some(312), ..Memory::default() };
         let text = summary(&state, Measured::default());
-        assert!(
-            text.contains("flash           9876 B\nstatics         312 B\n")
-                && !text.contains("stack"),
-            "{text}"
-        );
-    }
-
-    #[test]
-    fn the_summary_leaves_out_unknown_statics() {
-        let mut state = State::new(1_000_000);
-        state.memory = Memory {
-            flash: 9_876,
-            limits: Some(Budget::of(Chip::Atmega328p)),
-            ..Memory::default()
-        };
+        let expected = "flash           9876 B\nstatics         312 B\n";
+        assert!(text.contains(expected) && !text.contains("stack"), "{text}");
+        state.memory.statics = None;
+        state.memory.limits = Some(Budget::of(Chip::Atmega328p));
         let text = summary(&state, Measured::default());
         assert!(text.contains("flash           9876 of ") && !text.contains("statics"), "{text}");
     }

@@ -274,7 +274,7 @@ impl Report {
     /// The report of the run that ended in `state`.
     pub fn new(state: &State, judgement: &Judgement) -> Report {
         let failure = judgement.failure(state);
-        let limits = state.memory.limits;
+        let memory = &state.memory;
         Report {
             outcome: failure.map_or(Outcome::Well, |(finding, _)| Outcome::Failed(finding)),
             exit_code: failure.map_or(0, |(_, code)| code),
@@ -355,13 +355,13 @@ impl Report {
                 .map(|(address, register, values)| Registers { address, register, values })
                 .collect(),
             budget: Budget {
-                flash: state.memory.flash,
-                flash_limit: limits.map(|limits| limits.flash),
-                statics: state.memory.statics,
-                statics_limit: limits.map(|limits| limits.statics),
-                stack: state.memory.stack,
+                flash: memory.flash,
+                flash_limit: memory.limit(|limits| limits.flash),
+                statics: memory.statics,
+                statics_limit: memory.limit(|limits| limits.statics),
+                stack: memory.stack,
                 lowest_sp: state.lowest_sp(),
-                statics_and_stack_limit: limits.map(|limits| limits.statics_and_stack),
+                statics_and_stack_limit: memory.limit(|limits| limits.statics_and_stack),
             },
         }
     }
@@ -385,23 +385,37 @@ mod tests {
     use super::*;
     use bench::F_CPU_HZ;
     use bench::can::Frame;
-    use bench::dronecan::CircuitStatus;
-    use bench::dronecan::Rpm;
+    use bench::dronecan::{BatteryInfo, CircuitStatus, Rpm};
     use half::f16;
+    use serde_json::{Value, json};
 
-    fn json(state: &State) -> serde_json::Value {
+    fn report(state: &State) -> Value {
         serde_json::from_str(&Report::new(state, &Judgement::default()).to_json()).unwrap()
+    }
+
+    /// The report of a state has these values, by JSON Pointer.
+    #[track_caller]
+    fn has(state: &State, expected: &[(&str, Value)]) {
+        let report = report(state);
+        for (place, value) in expected {
+            assert_eq!(report.pointer(place), Some(value), "{place} in {report}");
+        }
     }
 
     #[test]
     fn a_run_without_events_is_clean_and_null_stands_for_what_was_not_measured() {
-        let report = json(&State::new(500_000));
-        assert_eq!((&report["outcome"], &report["exit_code"]), (&"well".into(), &0.into()));
-        assert_eq!(report["bus"]["bit_rate"], 500_000);
-        assert!(
-            report["servo"]["width_us"].is_null() && report["spi"]["bytes_per_frame"].is_null(),
-            "{report}"
-        );
+        let expected = [
+            ("/outcome", json!("well")),
+            ("/exit_code", json!(0)),
+            ("/bus/bit_rate", json!(500_000)),
+            ("/servo/width_us", Value::Null),
+            ("/spi/bytes_per_frame", Value::Null),
+            ("/outputs", json!([])),
+            ("/circuit", Value::Null),
+            ("/battery", Value::Null),
+            ("/rpm", Value::Null),
+        ];
+        has(&State::new(500_000), &expected);
     }
 
     #[test]
@@ -423,64 +437,43 @@ mod tests {
         state.add_mistake(0, format!("mistake at {name}"));
         state.add_hint(0, format!("hint at {name}"));
         state.set_crash(0, format!("crash at {name}"));
-        let report = json(&state);
-        let shown = |what: &str| serde_json::json!(format!("{what} at \\x1b[2J\\x9b\\x7f"));
-        assert_eq!(report["mistakes"][0]["text"], shown("mistake"));
-        assert_eq!(report["hints"][0], shown("hint"));
-        assert_eq!(report["crash"], shown("crash"));
-        assert!(
-            !Report::new(&state, &Judgement::default())
-                .to_json()
-                .replace('\n', "")
-                .contains(char::is_control)
-        );
+        let shown = |what: &str| json!(format!("{what} at \\x1b[2J\\x9b\\x7f"));
+        let expected = ["/mistakes/0/text", "/hints/0", "/crash"]
+            .into_iter()
+            .zip(["mistake", "hint", "crash"].map(shown));
+        has(&state, &expected.collect::<Vec<_>>());
+        let text = Report::new(&state, &Judgement::default()).to_json();
+        assert!(!text.replace('\n', "").contains(char::is_control), "{text}");
     }
 
     #[test]
-    fn the_report_has_further_outputs_and_the_circuit() {
+    fn the_report_has_what_the_node_measures_and_null_for_what_it_does_not_know() {
         let mut state = State::new(1_000_000);
-        let report = json(&state);
-        assert_eq!(
-            (&report["outputs"], &report["circuit"]),
-            (&serde_json::json!([]), &serde_json::Value::Null)
-        );
         state.set_output_pulses([None, Some((0, 24_008)), None]);
         let (voltage, current) = (f16::from_f32(12.5), f16::NAN);
         state.measured.circuit = Some(CircuitStatus { circuit: 120, voltage, current, errors: 1 });
-        let report = json(&state);
-        let outputs =
-            serde_json::json!([{"output": 2, "width_us": null}, {"output": 3, "width_us": 1500.5}]);
-        let circuit = serde_json::json!({
-            "circuit_id": 120, "voltage_v": 12.5, "current_a": null, "error_flags": 1
-        });
-        assert_eq!((&report["outputs"], &report["circuit"]), (&outputs, &circuit));
-    }
-
-    #[test]
-    fn the_report_has_the_battery_and_null_for_what_is_not_known() {
-        let mut state = State::new(1_000_000);
-        assert_eq!(json(&state)["battery"], serde_json::Value::Null);
-        let mut battery = battery_info(40.0, 80);
-        battery.flags = 33;
-        state.measured.battery = Some(battery);
-        let known = serde_json::json!({
-            "battery_id": 3, "charge_percent": 80, "remaining_wh": 40.0, "status_flags": 33
-        });
-        assert_eq!(json(&state)["battery"], known);
-        state.measured.battery = Some(battery_info(f32::NAN, PERCENT_UNKNOWN));
-        let unknown = serde_json::json!({
-            "battery_id": 3, "charge_percent": null, "remaining_wh": null, "status_flags": 1
-        });
-        assert_eq!(json(&state)["battery"], unknown);
-    }
-
-    #[test]
-    fn the_report_has_the_revolutions() {
-        let mut state = State::new(1_000_000);
-        assert_eq!(json(&state)["rpm"], serde_json::Value::Null);
+        state.measured.battery = Some(BatteryInfo { flags: 33, ..battery_info(40.0, 80) });
         state.measured.rpm = Some(Rpm { sensor: 3, flags: 1, rpm: 61.75 });
-        let expected = serde_json::json!({ "sensor_id": 3, "rpm": 61.75, "flags": 1 });
-        assert_eq!(json(&state)["rpm"], expected);
+        let circuit =
+            json!({"circuit_id": 120, "voltage_v": 12.5, "current_a": null, "error_flags": 1});
+        let battery = |energy: Value, charge: Value, flags: u16| {
+            json!({
+                "battery_id": 3, "charge_percent": charge, "remaining_wh": energy,
+                "status_flags": flags
+            })
+        };
+        let expected = [
+            (
+                "/outputs",
+                json!([{"output": 2, "width_us": null}, {"output": 3, "width_us": 1500.5}]),
+            ),
+            ("/circuit", circuit),
+            ("/battery", battery(json!(40.0), json!(80), 33)),
+            ("/rpm", json!({"sensor_id": 3, "rpm": 61.75, "flags": 1})),
+        ];
+        has(&state, &expected);
+        state.measured.battery = Some(battery_info(f32::NAN, PERCENT_UNKNOWN));
+        has(&state, &[("/battery", battery(Value::Null, Value::Null, 1))]);
     }
 
     #[test]
@@ -493,27 +486,21 @@ mod tests {
         state.add_reset(F_CPU_HZ, String::from("Watchdog"));
         state.add_pulse(2 * F_CPU_HZ - 320_000, 16_000, None);
         state.add_pulse(2 * F_CPU_HZ, 24_000, Some(320_000));
-        let report = json(&state);
-        assert_eq!((&report["outcome"], &report["exit_code"]), (&"mistakes".into(), &1.into()));
-        assert_eq!(
-            (&report["mistakes"][0]["count"], &report["mistakes"][0]["first_s"]),
-            (&2.into(), &0.5.into())
-        );
-        assert_eq!(
-            (&report["node"]["lost"][0]["frame"], &report["node"]["lost"][0]["at_s"]),
-            (&"123#01".into(), &1.0.into())
-        );
-        assert_eq!(
-            (&report["restarts_total"], &report["restarts"][0]["cause"]),
-            (&1.into(), &"Watchdog".into())
-        );
-        let servo = &report["servo"];
-        assert_eq!(
-            (&servo["width_us"], &servo["shortest_us"], &servo["longest_us"]),
-            (&1500.0.into(), &1000.0.into(), &1500.0.into())
-        );
+        let expected = [
+            ("/outcome", json!("mistakes")),
+            ("/exit_code", json!(1)),
+            ("/mistakes/0/count", json!(2)),
+            ("/mistakes/0/first_s", json!(0.5)),
+            ("/node/lost/0", json!({"frame": "123#01", "at_s": 1.0})),
+            ("/restarts_total", json!(1)),
+            ("/restarts/0/cause", json!("Watchdog")),
+            ("/servo/width_us", json!(1500.0)),
+            ("/servo/shortest_us", json!(1000.0)),
+            ("/servo/longest_us", json!(1500.0)),
+        ];
+        has(&state, &expected);
         state.set_crash(0, String::from("gone"));
-        assert_eq!(json(&state)["outcome"], "crashed");
+        has(&state, &[("/outcome", json!("crashed"))]);
     }
 
     /// Each finding alone, and all together: the worst one is the outcome.
@@ -598,12 +585,11 @@ mod tests {
             let judgement = Judgement { is_strict, unmodelled_exit, ..Judgement::default() };
             judgement.failure(&state).map(|(_, code)| code)
         };
-        assert_eq!(
-            [code(false, None), code(false, Some(4)), code(true, Some(0))],
-            [None, Some(4), None]
-        );
-        assert_eq!([code(true, None), code(true, Some(4))], [None, Some(4)]);
-        assert_eq!(json(&state)["unmodelled"], serde_json::json!(["the TWI"]));
+        let lax = [code(false, None), code(false, Some(4))];
+        assert_eq!(lax, [None, Some(4)]);
+        let strict = [code(true, None), code(true, Some(0)), code(true, Some(4))];
+        assert_eq!(strict, [None, None, Some(4)]);
+        has(&state, &[("/unmodelled", json!(["the TWI"]))]);
         assert_eq!(state.take_events().len(), 1, "reported once");
     }
 }

@@ -62,21 +62,12 @@ impl Screen {
 
 #[cfg(test)]
 mod tests {
-    use super::super::traffic::{Origin, TrafficLine};
+    use super::super::traffic::TrafficLine;
     use super::*;
 
     fn traffic(names: &[&str]) -> Traffic {
         let mut traffic = Traffic::default();
-        for name in names {
-            let (who, text) = (String::from("1"), name.to_string());
-            traffic.push(TrafficLine {
-                at: 0,
-                origin: Origin::Other,
-                who,
-                name: text.clone(),
-                text,
-            });
-        }
+        names.iter().for_each(|name| traffic.push(TrafficLine::sample(0, name, name)));
         traffic
     }
 

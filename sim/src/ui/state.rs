@@ -10,6 +10,7 @@ use super::measured::Measured;
 use super::mistakes::Mistakes;
 use super::traffic::{ERROR_FRAME, Origin, Traffic, TrafficLine};
 use crate::fault::Fault;
+use crate::time::micros;
 use crate::utilisation::measured::LoadByType;
 use bench::board::{PULSE_TIMEOUT, SpiUse};
 use bench::budget::Budget;
@@ -86,6 +87,16 @@ pub struct Servo {
     /// Widths of the shortest and the longest pulse so far.
     pub shortest: Option<Cycles>,
     pub longest: Option<Cycles>,
+}
+
+impl Servo {
+    /// The width and the period of the pulses in words, if there are any.
+    pub fn words(&self) -> Vec<String> {
+        let width = self.pulse.map(|width| format!("pulse {:.1} us", micros(width)));
+        let period = self.period.filter(|_| width.is_some());
+        let period = period.map(|period| format!("period {:.3} ms", micros(period) / 1e3));
+        width.into_iter().chain(period).collect()
+    }
 }
 
 /// Counters of the bus.
@@ -166,6 +177,13 @@ pub struct Memory {
     pub stack: Option<u32>,
     /// Limits of this project; `None` for a program without the ELF section `.board`.
     pub limits: Option<Budget>,
+}
+
+impl Memory {
+    /// One of the limits; `None` for a program without limits.
+    pub fn limit(&self, of: fn(Budget) -> u32) -> Option<u32> {
+        self.limits.map(of)
+    }
 }
 
 /// State of the autopilot.
@@ -312,6 +330,16 @@ impl State {
     /// The throttle of output 1; `None` if it has a servo or no pulse.
     pub fn throttle(&self) -> Option<Throttle> {
         self.servo.pulse.and_then(|width| self.escs.throttle(1, width, self.servo.period))
+    }
+
+    /// True if output 1 has a motor.
+    pub fn is_motor(&self) -> bool {
+        self.throttle().is_some() || self.escs.has(1)
+    }
+
+    /// What output 1 moves, in a word.
+    pub fn moved(&self) -> &'static str {
+        if self.is_motor() { "motor" } else { "servo" }
     }
 
     /// The throttle of an output with this pulse; `None` if it has a servo. All outputs have the
@@ -641,137 +669,107 @@ mod tests {
     const STATUS: [u8; 8] = [12, 0, 0, 0, 0, 0, 0, 0xC0];
 
     fn record(end: Cycles, id: u32, data: &[u8]) -> Record {
-        Record {
-            start: end - 2000,
-            end,
-            bits: 125,
-            kind: RecordKind::Frame { frame: Frame::extended(id, data), from: None, acked: true },
+        let kind = RecordKind::Frame { frame: Frame::extended(id, data), from: None, acked: true };
+        Record { start: end - 2000, end, bits: 125, kind }
+    }
+
+    /// The state after frames of the node (true) or of another station, a millisecond apart.
+    fn after(frames: &[(bool, u32, &[u8])]) -> State {
+        let mut state = State::new(1_000_000);
+        for ((from_node, id, data), ms) in frames.iter().zip(1..) {
+            let station = if *from_node { "node" } else { "other" };
+            state.add_record(&record(ms * 16_000, *id, data), *from_node, Some(station));
         }
+        state
+    }
+
+    fn last_text(state: &State) -> &str {
+        &state.traffic.last().unwrap().text
     }
 
     #[test]
-    fn a_status_of_the_node_is_kept_and_reported() {
-        let mut state = State::new(1_000_000);
-        state.add_record(&record(16_000, 0x1801_552A, &STATUS), true, Some("node"));
+    fn a_status_of_the_node_is_kept_and_reported_and_that_of_another_is_not_its_own() {
+        let mut state = after(&[(true, 0x1801_552A, &STATUS)]);
         let (at, node_id, status) = state.status.unwrap();
         assert_eq!((at, node_id.get(), status.uptime_s), (16_000, 42, 12));
-        let events = state.take_events();
-        assert!(matches!(events[0].1, Event::Status(..)));
+        assert!(matches!(state.take_events()[0].1, Event::Status(..)));
         assert!(state.take_events().is_empty());
-        let line = state.traffic.last().unwrap();
-        assert_eq!(line.origin, Origin::Node);
-        assert_eq!(line.text, "NodeStatus OK OPERATIONAL up 12 s vendor 0x0000");
+        assert_eq!(state.traffic.last().unwrap().origin, Origin::Node);
+        assert_eq!(last_text(&state), "NodeStatus OK OPERATIONAL up 12 s vendor 0x0000");
+        let state = after(&[(false, 0x1001_5501, &STATUS)]);
+        assert_eq!(state.status, None);
+        assert_eq!(state.traffic.last().unwrap().who, "1");
     }
 
     #[test]
     fn the_vendor_code_of_this_projects_program_is_reported_in_words() {
-        let reported = |knows_vendor_code, code: u16, from_node| {
+        let number = "WARNING OPERATIONAL up 12 s vendor 0x0420";
+        for (knows_vendor_code, code, from_node, expected) in [
+            (true, 0x0420_u16, true, &format!("{number}: frames lost, failsafe")[..]),
+            (false, 0x0420, true, number),
+            (true, 0x0420, false, number),
+            (true, 0, true, "WARNING OPERATIONAL up 12 s vendor 0x0000"),
+        ] {
             let mut state = State { knows_vendor_code, ..State::new(1_000_000) };
             let [low, high] = code.to_le_bytes();
-            state.add_record(
-                &record(16_000, 0x1801_552A, &[12, 0, 0, 0, 0x40, low, high, 0xC0]),
-                from_node,
-                None,
-            );
-            match state.take_events().swap_remove(0).1 {
-                Event::Status(_, text) => text,
-                other => panic!("{other:?}"),
-            }
-        };
-        let number = "WARNING OPERATIONAL up 12 s vendor 0x0420";
-        assert_eq!(reported(true, 0x0420, true), format!("{number}: frames lost, failsafe"));
-        assert_eq!(reported(false, 0x0420, true), number);
-        assert_eq!(reported(true, 0x0420, false), number, "the code of another node");
-        assert_eq!(reported(true, 0, true), "WARNING OPERATIONAL up 12 s vendor 0x0000");
+            let status = [12, 0, 0, 0, 0x40, low, high, 0xC0];
+            state.add_record(&record(16_000, 0x1801_552A, &status), from_node, None);
+            let (_, event) = state.take_events().swap_remove(0);
+            let Event::Status(_, text) = event else { panic!("{event:?}") };
+            assert_eq!(text, expected, "{knows_vendor_code} {from_node}");
+        }
     }
 
     #[test]
     fn a_status_and_a_measurement_of_the_draft_are_kept_and_those_of_v0_dropped() {
-        let mut state = State::new(1_000_000);
-        state.add_record(&record(8_000, 0x1801_5578, &STATUS), true, Some("node"));
-        state.add_record(
-            &record(9_000, 0x1804_5678, &[1, 0, 0xA9, 0x5C, 0, 0xC2]),
-            true,
-            Some("node"),
-        );
-        assert!(state.measured.temperature.is_some());
-        state.add_record(
-            &record(16_000, 0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]),
-            true,
-            Some("node"),
-        );
-        state.add_record(&record(17_000, 0x17CD_E008, &[23]), true, Some("node"));
-        state.add_record(&record(18_000, 0x17C4_0409, &[90]), false, Some("autopilot"));
-        let (at, node_id, status) = state.status.unwrap();
-        assert_eq!((at, node_id.get(), state.dialect), (16_000, 120, Dialect::Draft));
-        assert_eq!(status.to_string(), "WARNING OPERATIONAL up 11259375 s vendor 0xBEEF");
-        assert_eq!(
-            (state.measured.temperature, state.measured.draft_measurement),
-            (None, Some(23))
-        );
-        let events = state.take_events();
-        let expected =
-            Event::Status(node_id, String::from("draft, WARNING up 11259375 s vendor 0xBEEF"));
-        assert!(events.contains(&(16_000, expected)), "{events:?}");
-        let line = state.traffic.last().unwrap();
-        assert_eq!((line.who.as_str(), line.text.as_str()), ("1", "draft.ThesisCommand 90"));
-    }
-
-    #[test]
-    fn the_circuit_that_the_node_measures_is_kept() {
-        let mut state = State::new(1_000_000);
-        let data = [0x34, 0x12, 0x4D, 0x4A, 0x66, 0xC2, 0x06, 0xC5];
-        state.add_record(&record(16_000, 0x1804_4301, &data), false, Some("other"));
-        assert_eq!(state.measured.circuit, None);
-        state.add_record(&record(32_000, 0x1804_4378, &data), true, Some("node"));
-        assert_eq!(state.measured.circuit.unwrap().circuit, 0x1234);
-        assert_eq!(
-            state.traffic.last().unwrap().text,
-            "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT"
-        );
-    }
-
-    #[test]
-    fn the_revolutions_of_the_node_are_kept() {
-        let mut state = State::new(1_000_000);
-        for (at, data) in
-            [(16_000, [3, 1, 0, 0, 0, 0, 0, 0xC1]), (32_000, [3, 0, 0, 0, 0x80, 0xBB, 0x45, 0xC2])]
-        {
-            state.add_record(&record(at, 0x1804_1578, &data), true, Some("node"));
-        }
-        assert_eq!(
-            state.measured.rpm,
-            Some(bench::dronecan::Rpm { sensor: 3, flags: 0, rpm: 6000.0 })
-        );
-    }
-
-    #[test]
-    fn each_relay_s_state_is_kept() {
-        let mut state = State::new(1_000_000);
-        for (at, id, status) in [(16_000, 5, 1), (32_000, 6, 0), (48_000, 5, 0), (64_000, 6, 3)] {
-            let data = [id, 0x00, 0x7E, 0x00, 0x7E, status, 0, 0xC0];
-            state.add_record(&record(at, 0x1804_2F78, &data), true, Some("node"));
-        }
-        assert_eq!(state.measured.hardpoints, [(5, 0), (6, 3)].into());
-    }
-
-    #[test]
-    fn the_battery_of_the_node_is_kept() {
-        let mut state = State::new(1_000_000);
-        let frames: [(u32, &[u8]); 4] = [
-            (16_000, &[0x77, 0x12, 0xA9, 0x5C, 0x40, 0x4A, 0x00, 0x83]),
-            (32_000, &[0x49, 0xFF, 0x7F, 0x80, 0x4B, 0x10, 0x4C, 0x23]),
-            (48_000, &[0x00, 0x00, 0x21, 0x1F, 0xEE, 0x7F, 0x07, 0x03]),
-            (64_000, &[0x00, 0x00, 0x00, 0x00, 0x63]),
+        let temperature: (bool, u32, &[u8]) = (true, 0x1804_5678, &[1, 0, 0xA9, 0x5C, 0, 0xC2]);
+        let v0 = [(true, 0x1801_5578, &STATUS[..]), temperature];
+        assert!(after(&v0).measured.temperature.is_some());
+        let draft: [(bool, u32, &[u8]); 3] = [
+            (true, 0x1135_E00B, &[0xEF, 0xCD, 0xAB, 0x02, 0xEF, 0xBE]),
+            (true, 0x17CD_E008, &[23]),
+            (false, 0x17C4_0409, &[90]),
         ];
-        for (at, data) in frames {
-            state.add_record(&record(at.into(), 0x1804_4478, data), true, Some("node"));
-        }
-        assert_eq!(state.measured.battery.unwrap().charge, 92);
-        assert_eq!(
-            state.traffic.last().unwrap().text,
-            "power.BatteryInfo battery 7 12.50 V 10.00 A 92 % 15.0 Wh 25.1 C OVERLOAD"
-        );
+        let mut state = after(&[&v0[..], &draft[..]].concat());
+        let (at, node_id, status) = state.status.unwrap();
+        assert_eq!((at, node_id.get(), state.dialect), (48_000, 120, Dialect::Draft));
+        assert_eq!(status.to_string(), "WARNING OPERATIONAL up 11259375 s vendor 0xBEEF");
+        let measured = (state.measured.temperature, state.measured.draft_measurement);
+        assert_eq!(measured, (None, Some(23)));
+        let events = state.take_events();
+        let text = String::from("draft, WARNING up 11259375 s vendor 0xBEEF");
+        assert!(events.contains(&(48_000, Event::Status(node_id, text))), "{events:?}");
+        assert_eq!(state.traffic.last().unwrap().who, "1");
+        assert_eq!(last_text(&state), "draft.ThesisCommand 90");
+    }
+
+    #[test]
+    fn the_last_measurements_of_the_node_are_kept_and_those_of_others_are_not() {
+        let data = [0x34, 0x12, 0x4D, 0x4A, 0x66, 0xC2, 0x06, 0xC5];
+        assert_eq!(after(&[(false, 0x1804_4301, &data)]).measured.circuit, None);
+        let state = after(&[(true, 0x1804_4378, &data)]);
+        assert_eq!(state.measured.circuit.unwrap().circuit, 0x1234);
+        let text = "CircuitStatus circuit 4660 12.60 V -3.20 A UNDERVOLTAGE OVERCURRENT";
+        assert_eq!(last_text(&state), text);
+        let state = after(&[
+            (true, 0x1804_1578, &[3, 1, 0, 0, 0, 0, 0, 0xC1]),
+            (true, 0x1804_1578, &[3, 0, 0, 0, 0x80, 0xBB, 0x45, 0xC2]),
+        ]);
+        let rpm = bench::dronecan::Rpm { sensor: 3, flags: 0, rpm: 6000.0 };
+        assert_eq!(state.measured.rpm, Some(rpm));
+        let relays = [(5, 1), (6, 0), (5, 0), (6, 3)]
+            .map(|(id, status)| [id, 0x00, 0x7E, 0x00, 0x7E, status, 0, 0xC0]);
+        let state = after(&relays.each_ref().map(|data| (true, 0x1804_2F78, &data[..])));
+        assert_eq!(state.measured.hardpoints, [(5, 0), (6, 3)].into());
+        let state = after(&[
+            (true, 0x1804_4478, &[0x77, 0x12, 0xA9, 0x5C, 0x40, 0x4A, 0x00, 0x83]),
+            (true, 0x1804_4478, &[0x49, 0xFF, 0x7F, 0x80, 0x4B, 0x10, 0x4C, 0x23]),
+            (true, 0x1804_4478, &[0x00, 0x00, 0x21, 0x1F, 0xEE, 0x7F, 0x07, 0x03]),
+            (true, 0x1804_4478, &[0x00, 0x00, 0x00, 0x00, 0x63]),
+        ]);
+        assert_eq!(state.measured.battery.as_ref().unwrap().charge, 92);
+        let text = "power.BatteryInfo battery 7 12.50 V 10.00 A 92 % 15.0 Wh 25.1 C OVERLOAD";
+        assert_eq!(last_text(&state), text);
     }
 
     #[test]
@@ -780,14 +778,6 @@ mod tests {
         assert_eq!(state.output_widths(), []);
         state.set_output_pulses([None, Some((0, 16_000)), None, Some((0, 24_000)), None]);
         assert_eq!(state.output_widths(), [None, Some(16_000), None, Some(24_000)]);
-    }
-
-    #[test]
-    fn a_status_of_another_node_is_not_the_status_of_the_node() {
-        let mut state = State::new(1_000_000);
-        state.add_record(&record(16_000, 0x1001_5501, &STATUS), false, None);
-        assert_eq!(state.status, None);
-        assert_eq!(state.traffic.last().unwrap().who, "1");
     }
 
     #[test]
@@ -825,15 +815,12 @@ mod tests {
         broken.kind = RecordKind::ErrorFrame { kind: Some(ErrorKind::Stuff), from: None };
         state.add_record(&broken, false, None);
         assert_eq!(state.bus.error_frames, 1);
-        assert_eq!(state.traffic.last().unwrap().text, "error frame: stuff error");
+        assert_eq!(last_text(&state), "error frame: stuff error");
         let mut foreign = record(32_000, 0, &[]);
         foreign.kind =
             RecordKind::Frame { frame: Frame::standard(0x123, &[1]), from: None, acked: false };
         state.add_record(&foreign, false, None);
-        assert_eq!(
-            state.traffic.last().unwrap().text,
-            "CAN frame 123#01 (not DroneCAN: 11-bit identifier)"
-        );
+        assert_eq!(last_text(&state), "CAN frame 123#01 (not DroneCAN: 11-bit identifier)");
         assert_eq!(state.bus.unacknowledged, 1);
     }
 
@@ -843,7 +830,7 @@ mod tests {
         let mut state = State::new(1_000_000);
         let mut shown = |id, data: &[u8]| {
             state.add_record(&record(16_000, id, data), false, Some("other"));
-            state.traffic.last().unwrap().text.clone()
+            last_text(&state).to_owned()
         };
         // J1939's EEC1 and VD. The last bytes are those of one frame, of the first of several, and
         // of one that continues.

@@ -7,6 +7,7 @@
 use super::history::Log;
 use bench::Cycles;
 use std::collections::BTreeSet;
+use std::fmt;
 
 /// Most types with a history of their own. Further types share one history; only foreign or broken
 /// nodes send so many.
@@ -44,6 +45,22 @@ pub struct TrafficLine {
     pub name: String,
     /// Decoded content.
     pub text: String,
+}
+
+#[cfg(test)]
+impl TrafficLine {
+    /// A line of station 1.
+    pub fn sample(at: Cycles, name: &str, text: &str) -> TrafficLine {
+        let [who, name, text] = ["1", name, text].map(String::from);
+        TrafficLine { at, origin: Origin::Other, who, name, text }
+    }
+}
+
+/// Sender and content, as in the columns of the views.
+impl fmt::Display for TrafficLine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:>4} {}", self.who, self.text)
+    }
 }
 
 /// A line and its number.
@@ -197,14 +214,7 @@ mod tests {
     use super::*;
 
     fn line(name: &str, number: u64) -> TrafficLine {
-        let text = format!("{name} {number}");
-        TrafficLine {
-            at: number,
-            origin: Origin::Other,
-            who: String::from("1"),
-            name: name.to_owned(),
-            text,
-        }
+        TrafficLine::sample(number, name, &format!("{name} {number}"))
     }
 
     /// `count` seconds with 50 commands and one status each; the status is the last line of its
