@@ -4,6 +4,7 @@ use super::*;
 use crate::desk::Servos;
 use crate::dialect::segment;
 use crate::golden;
+use crate::image::InMemory;
 use crate::monitor::Event;
 use crate::tables::parameters::OutputParameter;
 use crate::tables::wire::Receiver;
@@ -17,8 +18,8 @@ struct Rig {
 }
 
 impl Rig {
-    /// Outputs of which the first has this timeout and got a command, just before the clock wraps.
-    fn commanded(timeout_ms: i32) -> Self {
+    /// Outputs of which the first has this timeout, and a command that waits.
+    fn waiting(timeout_ms: i32) -> Self {
         let parameters = golden::parameters(&[(OutputParameter::Timeout.of(0), timeout_ms)]);
         let mut outputs = Outputs::new();
         outputs.start(&parameters);
@@ -33,6 +34,13 @@ impl Rig {
             panic!("no command")
         };
         rig.outputs.act_on_array_command(command, &rig.parameters);
+        assert!(rig.outputs.has_entry());
+        rig
+    }
+
+    /// The same outputs, which followed the command just before the clock wraps.
+    fn commanded(timeout_ms: i32) -> Self {
+        let mut rig = Self::waiting(timeout_ms);
         let mut servos = Servos([0; OUTPUTS], [false; OUTPUTS]);
         let mut event = Event::new(Line::Running);
         rig.outputs.follow_next(&mut event, rig.now_ms, &rig.parameters, &mut servos);
@@ -70,4 +78,13 @@ fn a_safety_state_of_armed_restarts_no_failsafe_where_none_was_safe() {
     rig.run(60);
     rig.outputs.act_on_safety_state(10, ARMED, rig.now_ms, &rig.parameters);
     assert_eq!(rig.run(100), Some(41), "armed all the time");
+}
+
+/// It is for the old ID.
+#[test]
+fn a_command_that_waits_is_forgotten_with_the_id_of_its_output() {
+    let mut rig = Rig::waiting(100);
+    assert!(rig.parameters.set(OutputParameter::Id.index(0), 5, InMemory));
+    rig.outputs.update(&rig.parameters);
+    assert!(!rig.outputs.has_entry(), "an entry for ID 1 waits, and output 1 has ID 5 now");
 }
