@@ -363,17 +363,6 @@ mod tests {
     }
 
     #[test]
-    fn all_parameters_are_read_up_to_the_first_without_a_name() {
-        let mut dialogue = Dialogue::default();
-        dialogue.read_all();
-        let names = |index| if index < 3 { format!("P{index}") } else { String::new() };
-        assert_eq!(answer(&mut dialogue, names), 5);
-        assert_eq!(dialogue.message, "3 parameters read");
-        assert_eq!(dialogue.parameters[2].name(), "P2");
-        assert!(dialogue.info.is_some() && !dialogue.is_busy());
-    }
-
-    #[test]
     fn a_node_that_never_ends_its_parameters_is_read_up_to_a_limit() {
         let mut dialogue = Dialogue::default();
         dialogue.read_all();

@@ -248,22 +248,6 @@ fn transfer_ids_count_modulo_32() {
 }
 
 proptest! {
-    /// A decoded message without unused bits encodes to the same bytes.
-    #[test]
-    fn parameter_messages_survive_both_ways(
-        payload in prop::collection::vec(any::<u8>(), 0..40),
-        service in 0usize..3,
-    ) {
-        let id = [0x1E0B_F8FF, 0x1E0B_7FF8, 0x1E00_017F][service];
-        let id = CanId::parse(id).unwrap();
-        let transfer = Transfer { id, transfer_id: TransferId::new(0), payload, frames: 1 };
-        let message = Message::decode(&transfer);
-        if let Some((_, encoded)) = message.encode() {
-            let again = Message::decode(&Transfer { payload: encoded, ..transfer });
-            prop_assert_eq!(format!("{:?}", again), format!("{:?}", message));
-        }
-    }
-
     /// A terminal shows what nodes send.
     #[test]
     fn no_transfer_has_control_characters_as_text(
@@ -281,30 +265,6 @@ proptest! {
         let transfer = Transfer { id, transfer_id: TransferId::new(0), payload, frames: 1 };
         let text = Message::decode(&transfer).to_string();
         prop_assert!(!text.contains(char::is_control), "{:?}", text);
-    }
-
-    /// No frame from the bus may cause a panic.
-    #[test]
-    fn no_frame_causes_a_panic(
-        frames in prop::collection::vec(
-            (0u32..1 << 29, prop::collection::vec(any::<u8>(), 0..=8)),
-            0..64,
-        ),
-    ) {
-        let mut assembler = Assembler::new();
-        for (id, data) in frames {
-            if let Outcome::Complete(transfer) = assembler.push(id, &data, AT) {
-                let _ = Message::decode(&transfer).to_string();
-            }
-        }
-    }
-
-    /// Parsing and building an allowed identifier gives the same identifier.
-    #[test]
-    fn identifiers_survive_parse_and_build(raw in 0u32..1 << 29) {
-        if let Some(id) = CanId::parse(raw) {
-            prop_assert_eq!(id.build(), raw);
-        }
     }
 
     /// Assembling the frames of a payload gives the payload, at any length.
