@@ -8,17 +8,13 @@ const NODE: NodeId = NodeId::new(42).unwrap();
 
 fn calls(count: u32) -> Calls<u32> {
     let mut calls = Calls::new(OWN);
-    for purpose in 0..count {
-        calls.request(
-            NODE,
-            GET_SET,
-            vec![purpose as u8, 0],
-            Timeouts::from_ms(100, 400),
-            Urgency::Background,
-            purpose,
-        );
-    }
+    (0..count).for_each(|purpose| ask(&mut calls, NODE, Urgency::Background, purpose));
     calls
+}
+
+fn ask(calls: &mut Calls<u32>, node: NodeId, urgency: Urgency, purpose: u32) {
+    let (payload, timeouts) = (vec![purpose as u8, 0], Timeouts::from_ms(100, 400));
+    calls.request(node, GET_SET, payload, timeouts, urgency, purpose);
 }
 
 fn at(ms: u64) -> Duration {
@@ -142,14 +138,7 @@ fn nodes_share_the_common_window_in_turns() {
     let node = |id: u8| NodeId::new(id).unwrap();
     for id in 1..=30 {
         for purpose in 0..20 {
-            calls.request(
-                node(id),
-                GET_SET,
-                vec![0, 0],
-                Timeouts::from_ms(100, 400),
-                Urgency::Background,
-                purpose,
-            );
+            ask(&mut calls, node(id), Urgency::Background, purpose);
         }
     }
     let frames = sent(&mut calls, 0);
@@ -159,6 +148,6 @@ fn nodes_share_the_common_window_in_turns() {
         (frames.len(), destinations.len()),
         (TOTAL_WINDOW_AT_FIRST as usize, TOTAL_WINDOW_AT_FIRST as usize)
     );
-    calls.request(node(1), GET_SET, vec![0, 0], Timeouts::from_ms(100, 400), Urgency::Now, 99);
+    ask(&mut calls, node(1), Urgency::Now, 99);
     assert_eq!(sent(&mut calls, 1).len(), 1, "an urgent request ignores the window");
 }

@@ -137,9 +137,7 @@ fn a_command_without_a_node_fails() {
 
 #[test]
 fn each_node_that_does_not_save_is_named() {
-    let mut rig = Rig::new((42..46).map(|id| Simulated::new(id, 1)).collect());
-    rig.run_ms(1500);
-    rig.sent_messages();
+    let mut rig = Rig::online((42..46).map(|id| Simulated::new(id, 1)).collect());
     rig.nodes[1].rejects_opcodes = true;
     rig.nodes[2].rejects_opcodes = true;
     rig.nodes[3].lose_every = Some(1);

@@ -13,9 +13,7 @@ fn all_parameters_are_fetched_although_every_third_request_is_lost() {
 
 #[test]
 fn a_list_requested_twice_is_fetched_once_and_component_0_is_all_nodes() {
-    let mut rig = Rig::new(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
-    rig.run_ms(1500);
-    rig.sent_messages();
+    let mut rig = Rig::online(vec![Simulated::new(42, 5), Simulated::new(43, 3)]);
     let before = rig.node().requests;
     rig.list(0);
     rig.list(0);

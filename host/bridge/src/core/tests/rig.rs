@@ -167,12 +167,17 @@ impl Rig {
         Rig { now: Duration::ZERO, bridge: Bridge::new(settings), nodes, posts: Vec::new() }
     }
 
-    /// With one node, whose status and information the bridge has.
-    pub fn with_node(parameters: usize) -> Rig {
-        let mut rig = Rig::new(vec![Simulated::new(42, parameters)]);
+    /// With nodes whose status and information the bridge has.
+    pub fn online(nodes: Vec<Simulated>) -> Rig {
+        let mut rig = Rig::new(nodes);
         rig.run_ms(1500);
         rig.posts.clear();
         rig
+    }
+
+    /// With node 42 online.
+    pub fn with_node(parameters: usize) -> Rig {
+        Rig::online(vec![Simulated::new(42, parameters)])
     }
 
     pub fn node(&mut self) -> &mut Simulated {
