@@ -52,7 +52,7 @@ fn the_table_has_these_and_no_others() {
             kind.id()
         );
     }
-    assert_eq!(Kind::ALL.len(), known.len());
+    assert_eq!(Kind::ALL.len(), known.len(), "a row above is of no kind in this build");
 }
 
 #[test]
@@ -90,24 +90,19 @@ fn whatever_can_be_several_frames_has_a_seed() {
     }
 }
 
-#[test]
-fn only_services_in_use_are_known() {
-    for service in 0..=u8::MAX {
-        let expected = REQUESTS
-            .iter()
-            .find(|&&(_, id)| id == service)
-            .map_or(Kind::Unknown, |&(kind, _)| kind);
-        assert_eq!(Kind::of_request(service), expected, "service {service}");
-    }
+/// The kind of the row with this ID.
+fn kind_of<I: Copy + PartialEq>(rows: &[(Kind, I)], id: I) -> Kind {
+    rows.iter().find(|row| row.1 == id).map_or(Kind::Unknown, |row| row.0)
 }
 
 #[test]
-fn only_messages_in_use_are_known() {
+fn only_services_and_messages_in_use_are_known() {
+    for service in 0..=u8::MAX {
+        let expected = kind_of(REQUESTS, service);
+        assert_eq!(Kind::of_request(service), expected, "service {service}");
+    }
     for data_type in 0..=u16::MAX {
-        let expected = RECEIVED
-            .iter()
-            .find(|&&(_, id)| id == data_type)
-            .map_or(Kind::Unknown, |&(kind, _)| kind);
+        let expected = kind_of(RECEIVED, data_type);
         assert_eq!(Kind::of_message(data_type), expected, "message {data_type}");
     }
 }
