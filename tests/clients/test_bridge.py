@@ -399,7 +399,8 @@ def test_three_nodes_and_one_with_long_names(bench, bridge, station):
         found = ground.parameters(node)
         assert list(found) == PARAMETERS and value_of(found["CAN_NODE"]) == node
     ground.save(component=0)
-    assert fake.saved == 1
+    # Twice if its answer came after the bridge had asked again.
+    assert fake.saved in (1, 2)
 
     found = ground.parameters(42)
     assert [m.param_type for m in found.values()] == [REAL32, INT32, INT32, UINT8, REAL32]
