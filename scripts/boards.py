@@ -153,6 +153,17 @@ def output(*command):
     return done.stdout.strip()
 
 
+FIRMWARE = "src boot crates/dronecan-wire/src crates/mcp2515-ordered/src avr-specs build.rs"
+FIRMWARE += " Cargo.toml .cargo/config.toml rust-toolchain.toml"
+
+
+def firmware_changed_since(commit):
+    """Files of the firmware that have changed since a commit; None if it is not in this clone."""
+    line = ["git", "diff", "--name-only", commit.split("-")[0], "--", *FIRMWARE.split()]
+    done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True)
+    return None if done.returncode else [n for n in done.stdout.split() if "tests" not in n]
+
+
 def fill(page, word, blocks, check=False):
     """Writes blocks of a page, or with `check` fails if they differ: what is between the comments
     "name: from make word" and "end".
