@@ -3,11 +3,10 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use crate::wire::Peripheral;
-use can_model::{Bus, Fault, Frame, Id, PortId, RecordKind, SoftNode};
+use crate::wire::{CRYSTAL_HZ, MS, World};
+use can_model::{Fault, Frame, Id, RecordKind, SoftNode};
 use embedded_hal::digital::OutputPin;
 use embedded_hal::spi::SpiBus;
-use mcp2515_model::Mcp2515 as Chip;
 use mcp2515_ordered::Counter::{
     BusOffs, RxOverflow, RxReceived, TxRequests, TxSuccess, TxTimedOut,
 };
@@ -16,13 +15,6 @@ use mcp2515_ordered::{
     Acceptance, Attempts, BitTiming, Configuration, Counter, ErrorFlags, Event, Mcp2515, Notice,
     Pattern,
 };
-use sim_base::Cycles;
-
-const CRYSTAL_HZ: u32 = 16_000_000;
-
-const MS: Cycles = 16_000;
-/// Time of an SPI byte on the board, including the time to the next byte.
-const SPI_BYTE: Cycles = 20;
 
 /// Register addresses and instructions (DS20001801J tables 11-1 and 12-1).
 const CANCTRL: u8 = 0x0F;
@@ -60,123 +52,25 @@ impl Acceptance for Accept {
     }
 }
 
-/// The bus with the chip, and a record of the SPI.
-struct World {
-    bus: Bus,
-    chip: Rc<RefCell<Chip>>,
-    now: Cycles,
-    selects: u32,
-    bytes: u32,
-    /// The bytes since CS fell.
-    instruction: Vec<u8>,
-    /// The next byte that is written to this register arrives with a wrong bit.
-    corrupted: Option<u8>,
-    /// The byte that each READ of this register returns.
-    misread: Option<(u8, u8)>,
-    /// The level of INT, regardless of the chip; `None` for the chip's level.
-    int_stuck: Option<bool>,
-    /// The byte that the SPI reads instead of the chip's; `None` for the chip's.
-    miso_stuck: Option<u8>,
-}
-
-impl World {
-    fn run_to(&mut self, t: Cycles) {
-        self.now = t;
-        self.bus.run_until(t);
-    }
-}
-
-impl Peripheral for World {
-    fn exchange(&mut self, words: &mut [u8]) {
-        for word in words {
-            let end = self.now + SPI_BYTE;
-            self.chip.borrow_mut().begin_byte(self.now);
-            self.run_to(end);
-            self.bytes += 1;
-            if self.corrupted.is_some_and(|address| self.instruction == [WRITE, address]) {
-                self.corrupted = None;
-                *word ^= 1;
-            }
-            self.instruction.push(*word);
-            let miso = self.chip.borrow_mut().end_byte(*word, end);
-            *word = self.miso_stuck.unwrap_or(miso);
-            if let (Some((register, value)), [READ, first, _, more @ ..]) =
-                (self.misread, &self.instruction[..])
-                && usize::from(*first) + more.len() == usize::from(register)
-            {
-                *word = value;
-            }
-        }
-    }
-
-    fn select(&mut self) {
-        self.selects += 1;
-        self.instruction.clear();
-        self.chip.borrow_mut().select(self.now);
-    }
-
-    fn deselect(&mut self) {
-        let end = self.now + 4;
-        self.run_to(end);
-        self.chip.borrow_mut().deselect(end);
-    }
-
-    fn is_int_high(&self) -> bool {
-        self.int_stuck.unwrap_or_else(|| self.chip.borrow().int_pin())
-    }
-}
-
 type Wire = crate::wire::Wire<World>;
 
 struct Rig {
     wire: Wire,
     driver: Mcp2515<Wire, Wire, Wire, Accept>,
     peer: Rc<RefCell<SoftNode>>,
-    chip_port: PortId,
-    peer_port: PortId,
     notices: Vec<Notice>,
     received: Vec<DriverFrame>,
-    /// Does not fail on violations, for a test that makes mistakes on the SPI.
-    violations_expected: bool,
 }
 
 impl Rig {
     fn at_rate(rate: u8, acceptance: Accept, attempts: Attempts) -> Rig {
         let bit_rate = u32::from(rate) * 125_000;
-        let mut bus = Bus::new(bit_rate);
-        let chip = Rc::new(RefCell::new(Chip::new(CRYSTAL_HZ)));
-        let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
-        let chip_port = bus.attach("chip", chip.clone());
-        let peer_port = bus.attach("peer", peer.clone());
-        let world = World {
-            bus,
-            chip,
-            now: 0,
-            selects: 0,
-            bytes: 0,
-            instruction: Vec::new(),
-            corrupted: None,
-            misread: None,
-            int_stuck: None,
-            miso_stuck: None,
-        };
-        let wire = crate::wire::Wire(Rc::new(RefCell::new(world)));
+        let wire = World::new(bit_rate);
+        let peer = wire.0.borrow().peer.clone();
         let configuration =
             Configuration { timing: BitTiming::new(CRYSTAL_HZ, bit_rate), acceptance, attempts };
         let driver = Mcp2515::new(wire.clone(), wire.clone(), wire.clone(), configuration);
-        let violations_expected = false;
-        let mut rig = Rig {
-            wire,
-            driver,
-            peer,
-            chip_port,
-            peer_port,
-            notices: vec![],
-            received: vec![],
-            violations_expected,
-        };
-        rig.idle_ms(1);
-        rig
+        Rig { wire, driver, peer, notices: vec![], received: vec![] }
     }
 
     /// A rig whose chip is on the bus, and has received a frame.
@@ -197,9 +91,7 @@ impl Rig {
 
     /// Runs the bus without calls of the driver.
     fn idle_us(&mut self, us: u64) {
-        let mut world = self.wire.0.borrow_mut();
-        let end = world.now + us * MS / 1000;
-        world.run_to(end);
+        self.wire.0.borrow_mut().run(us * MS / 1000);
     }
 
     fn idle_ms(&mut self, ms: u64) {
@@ -257,18 +149,7 @@ impl Rig {
 
     /// Returns the complete frames of the chip and the number of error frames since the last call.
     fn take_traffic(&mut self) -> (Vec<Frame>, usize) {
-        let records = self.wire.0.borrow_mut().bus.take_records();
-        let (mut frames, mut errors) = (vec![], 0);
-        for record in records {
-            match record.kind {
-                RecordKind::Frame { frame, from, .. } if from == Some(self.chip_port) => {
-                    frames.push(frame)
-                }
-                RecordKind::Frame { .. } => {}
-                RecordKind::ErrorFrame { .. } => errors += 1,
-            }
-        }
-        (frames, errors)
+        self.wire.0.borrow_mut().take_traffic()
     }
 
     fn counter(&self, counter: Counter) -> u32 {
@@ -295,8 +176,7 @@ impl Rig {
     }
 
     fn take_cost(&mut self) -> (u32, u32) {
-        let mut world = self.wire.0.borrow_mut();
-        (std::mem::take(&mut world.selects), std::mem::take(&mut world.bytes))
+        self.wire.0.borrow_mut().take_cost()
     }
 
     fn register(&self, address: u8) -> u8 {
@@ -312,21 +192,12 @@ impl Rig {
         *bytes.last().unwrap()
     }
 
-    fn connect(&mut self, port: PortId, connected: bool) {
-        self.wire.0.borrow_mut().bus.connect(port, connected);
+    fn connect_peer(&mut self, is_connected: bool) {
+        self.wire.0.borrow_mut().connect_peer(is_connected);
     }
 
     fn inject(&mut self, fault: Fault) {
         self.wire.0.borrow_mut().bus.inject(fault);
-    }
-}
-
-impl Drop for Rig {
-    fn drop(&mut self) {
-        if !std::thread::panicking() && !self.violations_expected {
-            let violations = self.wire.0.borrow().chip.borrow_mut().take_violations();
-            assert!(violations.is_empty(), "driver mistakes: {violations:#?}");
-        }
     }
 }
 
@@ -475,15 +346,14 @@ fn a_long_transfer_is_sent_in_order_with_at_most_one_gap_in_twelve_frames() {
 #[test]
 fn in_one_shot_mode_a_frame_without_acknowledgement_is_sent_once_and_blocks_nothing() {
     let mut rig = Rig::running(EVERYTHING, Attempts::Once);
-    let peer_port = rig.peer_port;
-    rig.connect(peer_port, false);
+    rig.connect_peer(false);
     for n in 0..10 {
         assert!(rig.transmit(&frame(0x1E97_4D00, &[n])), "frame {n}");
         rig.run_ms(250);
         assert_eq!(rig.take_traffic(), (vec![], 1), "one attempt");
         assert!(rig.driver.state(0).is_empty);
     }
-    rig.connect(peer_port, true);
+    rig.connect_peer(true);
     rig.run_ms(5);
     assert!(rig.transmit(&frame(0x1E97_4D00, &[10])));
     rig.run_ms(5);
@@ -516,8 +386,7 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
 fn frames_are_given_up_when_they_have_waited_for_1050_ms_and_not_before() {
     for begin_ms in 0..12 {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-        let peer_port = rig.peer_port;
-        rig.connect(peer_port, false);
+        rig.connect_peer(false);
         rig.run_ms(20 + begin_ms);
         let begin = rig.wire.0.borrow().now;
         assert!(rig.transmit(&frame(0x1801_552A, &[1])));
@@ -540,8 +409,7 @@ fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped
     assert_eq!(rig.take_traffic(), (vec![Frame::extended(0x1E97_4D2A, &[1, 2])], 1));
     rig.assert_sent(1, 1, 0);
 
-    let peer_port = rig.peer_port;
-    rig.connect(peer_port, false);
+    rig.connect_peer(false);
     for n in 0..3 {
         assert!(rig.transmit(&frame(0x1801_552A, &[n])));
     }
@@ -550,7 +418,7 @@ fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped
     assert!(!rig.transmit(&frame(0x1801_552A, &[3])), "no room");
     rig.run_ms(100);
     assert!(rig.take_events().contains(&Event::GaveUpSending));
-    rig.connect(peer_port, true);
+    rig.connect_peer(true);
     rig.run_ms(50);
     rig.assert_sent(4, 1, 3);
     let mut waited_ms = 0;
@@ -607,7 +475,7 @@ fn a_chip_that_does_not_answer_is_restarted_ten_times_a_second() {
     rig.run_ms(3);
     rig.wire.0.borrow_mut().miso_stuck = Some(0xFF);
     rig.wire.0.borrow_mut().int_stuck = Some(false);
-    rig.violations_expected = true;
+    rig.wire.0.borrow_mut().violations_expected = true;
     rig.run_ms(50);
     rig.notices.clear();
     rig.run_ms(1000);
@@ -751,7 +619,7 @@ fn a_long_bus_off_is_counted_once() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     // The chip sees another bit than it sends, until it is bus-off. Then the bus is stuck dominant,
     // so that the chip cannot recover.
-    let chip_port = rig.chip_port;
+    let chip_port = rig.wire.0.borrow().chip_port;
     rig.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
     assert!(rig.transmit(&frame(0x1801_552A, &[0; 8])));
     while rig.register(EFLG) & 0x20 == 0 {

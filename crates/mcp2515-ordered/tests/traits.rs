@@ -1,94 +1,30 @@
 //! The driver on both kinds of SPI and through the traits of `embedded-can`, in each mode, with the
 //! simulator's model of the chip on a simulated bus.
 
-use std::cell::RefCell;
+use std::cell::{RefCell, RefMut};
 use std::rc::Rc;
 
-use crate::wire::{Device, Peripheral};
-use can_model::{Bus, Frame as BusFrame, Id as BusId, PortId, RecordKind, SoftNode};
+use crate::wire::{CRYSTAL_HZ, Device, MS, Peripheral, US, World};
+use can_model::{Frame as BusFrame, Id as BusId, SoftNode};
 use embedded_can::{Error as _, ErrorKind, ExtendedId, Frame as _, Id, StandardId, blocking, nb};
-use mcp2515_model::Mcp2515 as Chip;
 use mcp2515_ordered::{
     AnyFrame, Attempts, BitTiming, CanError, Configuration, Driver, Event, Filters, Instructions,
     Mcp2515, Notice, SharedMcp2515, WithClock,
 };
 use sim_base::Cycles;
 
-const CRYSTAL_HZ: u32 = 16_000_000;
 const BIT_RATE: u32 = 500_000;
-const MS: Cycles = 16_000;
-const US: Cycles = 16;
-/// Time of an SPI byte, including the time to the next byte.
-const SPI_BYTE: Cycles = 20;
 /// Time that passes between two calls of a driver.
 const CALL: Cycles = 20 * US;
 
-/// The bus with the chip.
-struct World {
-    bus: Bus,
-    chip: Rc<RefCell<Chip>>,
-    now: Cycles,
-    selects: u32,
-    bytes: u32,
-    /// No chip answers: MISO is high.
-    is_absent: bool,
-}
-
-impl World {
-    fn run(&mut self, time: Cycles) {
-        self.now += time;
-        self.bus.run_until(self.now);
-    }
-}
-
-impl Peripheral for World {
-    fn exchange(&mut self, words: &mut [u8]) {
-        for word in words {
-            self.chip.borrow_mut().begin_byte(self.now);
-            self.run(SPI_BYTE);
-            self.bytes += 1;
-            *word = self.chip.borrow_mut().end_byte(*word, self.now);
-            if self.is_absent {
-                *word = 0xFF;
-            }
-        }
-    }
-
-    fn select(&mut self) {
-        self.selects += 1;
-        self.chip.borrow_mut().select(self.now);
-    }
-
-    fn deselect(&mut self) {
-        self.run(4);
-        self.chip.borrow_mut().deselect(self.now);
-    }
-
-    fn is_int_high(&self) -> bool {
-        self.is_absent || self.chip.borrow().int_pin()
-    }
-}
-
 type Wire = crate::wire::Wire<World>;
 
-/// The rest of the bus: a station that acknowledges, and what passed.
-struct Rig {
-    wire: Wire,
-    chip_port: PortId,
-    peer_port: PortId,
-    peer: Rc<RefCell<SoftNode>>,
-}
+/// The wires to a chip on a bus with a station that acknowledges.
+struct Rig(Wire);
 
 impl Rig {
     fn new() -> Rig {
-        let mut bus = Bus::new(BIT_RATE);
-        let chip = Rc::new(RefCell::new(Chip::new(CRYSTAL_HZ)));
-        let peer = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
-        let chip_port = bus.attach("chip", chip.clone());
-        let peer_port = bus.attach("peer", peer.clone());
-        let mut world = World { bus, chip, now: 0, selects: 0, bytes: 0, is_absent: false };
-        world.run(MS);
-        Rig { wire: crate::wire::Wire(Rc::new(RefCell::new(world))), chip_port, peer_port, peer }
+        Rig(World::new(BIT_RATE))
     }
 
     fn configuration(acceptance: Filters, attempts: Attempts) -> Configuration<Filters> {
@@ -97,7 +33,7 @@ impl Rig {
 
     /// A clock that also lets time pass for the bus.
     fn clock(&self) -> impl FnMut() -> u16 + use<> {
-        let wire = self.wire.clone();
+        let wire = self.0.clone();
         move || {
             let mut world = wire.0.borrow_mut();
             world.run(CALL);
@@ -106,46 +42,21 @@ impl Rig {
     }
 
     fn exclusive(&self, attempts: Attempts) -> Mcp2515<Wire, Wire, Wire, Filters> {
-        let [spi, cs, int] = [(); 3].map(|()| self.wire.clone());
+        let [spi, cs, int] = [(); 3].map(|()| self.0.clone());
         Mcp2515::new(spi, cs, int, Self::configuration(Filters::ALL, attempts))
     }
 
     fn shared(&self, attempts: Attempts) -> SharedMcp2515<Device<World>, Wire, Filters> {
-        let (device, int) = (Device(self.wire.clone()), self.wire.clone());
+        let (device, int) = (Device(self.0.clone()), self.0.clone());
         SharedMcp2515::new(device, int, Self::configuration(Filters::ALL, attempts))
     }
 
+    fn world(&self) -> RefMut<'_, World> {
+        self.0.0.borrow_mut()
+    }
+
     fn peer_sends(&self, frame: BusFrame) {
-        self.peer.borrow_mut().send(frame);
-    }
-
-    /// The complete frames of the chip, and the number of error frames, since the last call.
-    fn take_traffic(&self) -> (Vec<BusFrame>, usize) {
-        let (mut frames, mut errors) = (vec![], 0);
-        for record in self.wire.0.borrow_mut().bus.take_records() {
-            match record.kind {
-                RecordKind::Frame { frame, from, .. } if from == Some(self.chip_port) => {
-                    frames.push(frame);
-                }
-                RecordKind::Frame { .. } => {}
-                RecordKind::ErrorFrame { .. } => errors += 1,
-            }
-        }
-        (frames, errors)
-    }
-
-    fn take_cost(&self) -> (u32, u32) {
-        let mut world = self.wire.0.borrow_mut();
-        (std::mem::take(&mut world.selects), std::mem::take(&mut world.bytes))
-    }
-}
-
-impl Drop for Rig {
-    fn drop(&mut self) {
-        if !std::thread::panicking() {
-            let violations = self.wire.0.borrow().chip.borrow_mut().take_violations();
-            assert!(violations.is_empty(), "driver mistakes: {violations:#?}");
-        }
+        self.world().peer.borrow_mut().send(frame);
     }
 }
 
@@ -167,7 +78,7 @@ fn start_and_hear<C: Instructions, T: FnMut() -> u16>(rig: &Rig, can: &mut Clock
     rig.peer_sends(BusFrame::standard(1, &[]));
     assert!(receive(can, 5).is_some());
     assert_eq!(poll(can, 20), []);
-    rig.take_traffic();
+    rig.world().take_traffic();
 }
 
 /// Calls until there is a frame, for `ms` at most.
@@ -209,7 +120,7 @@ fn check_echo<C: Instructions>(rig: &Rig, driver: Driver<C, Wire, Filters>) {
     assert_eq!(echo(&mut can, frames.len()), Ok(()));
     poll(&mut can, 1);
     let replies: Vec<BusFrame> = frames.iter().map(|(_, reply)| *reply).collect();
-    assert_eq!(rig.take_traffic(), (replies, 0));
+    assert_eq!(rig.world().take_traffic(), (replies, 0));
 }
 
 #[test]
@@ -236,7 +147,7 @@ fn check_order<C: Instructions>(rig: &Rig, driver: Driver<C, Wire, Filters>) {
     }
     let numbers: Vec<u8> = (0..60).collect();
     assert_eq!(received, numbers);
-    let (frames, errors) = rig.take_traffic();
+    let (frames, errors) = rig.world().take_traffic();
     let frames: Vec<u8> = frames.iter().map(|frame| frame.data()[0]).collect();
     assert_eq!((frames, errors), (numbers, 0));
 }
@@ -255,13 +166,13 @@ fn on_a_shared_bus_a_frame_costs_two_transactions_to_receive_and_three_to_send()
     let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
     start(&mut can);
     rig.peer_sends(BusFrame::standard(1, &[1]));
-    rig.wire.0.borrow_mut().run(MS);
-    rig.take_cost();
+    rig.world().run(MS);
+    rig.world().take_cost();
     assert!(can.driver().has_frame() && can.driver().receive_any().is_some());
-    assert_eq!(rig.take_cost(), (2, 2 + 14));
+    assert_eq!(rig.world().take_cost(), (2, 2 + 14));
     can.driver().find_room();
     can.driver().transmit_any(&AnyFrame::new(StandardId::ZERO, &[]).unwrap());
-    assert_eq!(rig.take_cost(), (3, 2 + 16 + 1));
+    assert_eq!(rig.world().take_cost(), (3, 2 + 16 + 1));
 }
 
 /// The halves are for a program whose interrupt handler receives frames in between.
@@ -281,9 +192,9 @@ fn on_a_shared_bus_a_frame_is_sent_in_two_halves_or_in_one() {
     driver.transmit(&frame(1));
     poll(&mut can, 1);
     let expected = [0, 1].map(|n| BusFrame::extended(0x1FFF_0100 + u32::from(n), &[n; 2]));
-    assert_eq!(rig.take_traffic(), (expected.to_vec(), 0));
+    assert_eq!(rig.world().take_traffic(), (expected.to_vec(), 0));
     rig.peer_sends(BusFrame::extended(0x1ABC_DEF0, &[7, 8]));
-    rig.wire.0.borrow_mut().run(MS);
+    rig.world().run(MS);
     let mut received = mcp2515_ordered::Frame::EMPTY;
     assert!(can.driver().receive(&mut received));
     assert_eq!((received.id, received.data()), ([0x1A, 0xBC, 0xDE, 0xF0], &[7, 8][..]));
@@ -295,7 +206,7 @@ fn on_a_shared_bus_a_chip_that_was_reset_is_noticed_and_started_again() {
     let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
     start(&mut can);
     {
-        let mut world = rig.wire.0.borrow_mut();
+        let mut world = rig.world();
         world.select();
         world.exchange(&mut [0xC0]);
         world.deselect();
@@ -308,7 +219,7 @@ fn on_a_shared_bus_a_chip_that_was_reset_is_noticed_and_started_again() {
 fn in_listen_only_mode_the_chip_receives_and_neither_acknowledges_nor_sends() {
     let rig = Rig::new();
     let other = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
-    let other_port = rig.wire.0.borrow_mut().bus.attach("other", other);
+    let other_port = rig.world().bus.attach("other", other);
     let mut can = rig.shared(Attempts::Never).with_clock(rig.clock());
     start(&mut can);
     rig.peer_sends(BusFrame::standard(0x321, &[1, 2, 3]));
@@ -320,11 +231,11 @@ fn in_listen_only_mode_the_chip_receives_and_neither_acknowledges_nor_sends() {
     assert_eq!(nb::Can::transmit(&mut can, &frame), Err(::nb::Error::Other(CanError::ListensOnly)));
     assert_eq!(blocking::Can::transmit(&mut can, &frame), Err(CanError::ListensOnly));
     // Nobody is left to acknowledge.
-    rig.wire.0.borrow_mut().bus.connect(other_port, false);
-    rig.take_traffic();
+    rig.world().bus.connect(other_port, false);
+    rig.world().take_traffic();
     rig.peer_sends(BusFrame::standard(0x322, &[]));
     poll(&mut can, 5);
-    let (frames, errors) = rig.take_traffic();
+    let (frames, errors) = rig.world().take_traffic();
     assert!(frames.is_empty() && errors > 3, "{frames:?} {errors}");
 }
 
@@ -339,7 +250,7 @@ fn in_loopback_mode_the_chip_receives_its_own_frames_and_the_bus_gets_none() {
         assert_eq!(blocking::Can::transmit(&mut can, &frame), Ok(()));
         assert_eq!(receive(&mut can, 5), Some(frame));
     }
-    let (frames, _) = rig.take_traffic();
+    let (frames, _) = rig.world().take_traffic();
     assert!(frames.is_empty(), "{frames:?}");
 }
 
@@ -350,11 +261,11 @@ fn a_one_shot_frame_is_tried_once_and_another_one_until_the_driver_gives_it_up()
         let rig = Rig::new();
         let mut can = rig.shared(attempts).with_clock(rig.clock());
         start_and_hear(&rig, &mut can);
-        rig.wire.0.borrow_mut().bus.connect(rig.peer_port, false);
+        rig.world().connect_peer(false);
         let frame = AnyFrame::new(StandardId::ZERO, &[]).unwrap();
         assert_eq!(blocking::Can::transmit(&mut can, &frame), Ok(()));
         poll(&mut can, 20);
-        rig.take_traffic().1
+        rig.world().take_traffic().1
     };
     assert_eq!(attempts(Attempts::Once), 1);
     assert!(attempts(Attempts::UntilSent) >= 16);
@@ -364,14 +275,14 @@ fn a_one_shot_frame_is_tried_once_and_another_one_until_the_driver_gives_it_up()
 fn a_blocking_call_returns_an_error_if_nobody_acknowledges_or_no_chip_answers() {
     let frame = AnyFrame::new(StandardId::ZERO, &[]).unwrap();
     let rig = Rig::new();
-    rig.wire.0.borrow_mut().bus.connect(rig.peer_port, false);
+    rig.world().connect_peer(false);
     let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
     let error = (0..10_000).find_map(|_| blocking::Can::transmit(&mut can, &frame).err());
     let error = error.expect("the frames that wait are given up");
     assert_eq!(error.kind(), ErrorKind::Acknowledge, "{error:?}");
 
     let rig = Rig::new();
-    rig.wire.0.borrow_mut().is_absent = true;
+    (rig.world().miso_stuck, rig.world().int_stuck) = (Some(0xFF), Some(true));
     let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
     let error = blocking::Can::transmit(&mut can, &frame).unwrap_err();
     let notice = Notice { event: Event::NotAnswering, value: 0xFF };
@@ -384,7 +295,7 @@ fn lost_frames_are_an_overrun_after_the_frames_that_were_kept() {
     let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
     start(&mut can);
     (0..5).for_each(|n| rig.peer_sends(BusFrame::standard(n, &[])));
-    rig.wire.0.borrow_mut().run(5 * MS);
+    rig.world().run(5 * MS);
     let mut calls = vec![];
     for _ in 0..20 * MS / CALL {
         match nb::Can::receive(&mut can) {
