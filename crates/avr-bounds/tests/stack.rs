@@ -11,20 +11,8 @@ fn program(text: &str) -> avr_bounds::program::Program {
 #[test]
 fn the_parts_of_the_deepest_path_add_up() {
     let program = program(
-        "sei
-         call f
-         rjmp .-2
-         .type f, @function
-         f: push r16
-         push r17
-         call g
-         pop r17
-         pop r16
-         ret
-         .type g, @function
-         g: push r2
-         pop r2
-         ret",
+        "sei\ncall f\nrjmp .-2\n.type f, @function\nf: push r16\npush r17\ncall g\npop r17\n\
+         pop r16\nret\n.type g, @function\ng: push r2\npop r2\nret",
     );
     let stack = stack(&program).unwrap();
     let parts: Vec<(&str, u32)> =
@@ -37,30 +25,10 @@ fn the_parts_of_the_deepest_path_add_up() {
 #[test]
 fn a_frame_of_local_variables_counts() {
     let program = program(
-        "call f
-         rjmp .-2
-         .type f, @function
-         f: push r28
-         push r29
-         in r28, 0x3D
-         in r29, 0x3E
-         subi r28, 0x2C
-         sbci r29, 0x01
-         in r0, 0x3F
-         cli
-         out 0x3E, r29
-         out 0x3F, r0
-         out 0x3D, r28
-         std Y+1, r24
-         subi r28, 0xD4
-         sbci r29, 0xFE
-         in r0, 0x3F
-         cli
-         out 0x3E, r29
-         out 0x3F, r0
-         out 0x3D, r28
-         pop r29
-         pop r28
+        "call f\nrjmp .-2\n.type f, @function\nf: push r28\npush r29\nin r28, 0x3D\n\
+         in r29, 0x3E\nsubi r28, 0x2C\nsbci r29, 0x01\nin r0, 0x3F\ncli\nout 0x3E, r29\n\
+         out 0x3F, r0\nout 0x3D, r28\nstd Y+1, r24\nsubi r28, 0xD4\nsbci r29, 0xFE\n\
+         in r0, 0x3F\ncli\nout 0x3E, r29\nout 0x3F, r0\nout 0x3D, r28\npop r29\npop r28\n\
          ret",
     );
     // The return address, two registers, and 300 bytes.
@@ -124,86 +92,46 @@ fn a_handler_may_mask_itself_beside_one_that_nests() {
 }
 
 #[test]
-fn a_hidden_recursion_is_refused() {
-    let program = program(
-        "call f
-         rjmp .-2
-         .type f, @function
-         f: tst r24
-         breq 1f
-         dec r24
-         call g
-         1: ret
-         .type g, @function
-         g: rjmp f",
-    );
-    let text = refusal(stack(&program));
-    assert!(text.contains("recursion: f -> g -> f"), "{text}");
-}
-
-#[test]
-fn a_push_without_a_pop_on_one_path_is_refused() {
-    let program = program(
-        "call f
-         rjmp .-2
-         .type f, @function
-         f: push r16
-         tst r24
-         breq 1f
-         pop r16
-         1: ret",
-    );
-    let text = refusal(stack(&program));
-    assert!(text.contains("in f: ") && text.contains("a push without a pop"), "{text}");
-}
-
-#[test]
-fn a_handler_that_enables_interrupts_without_masking_itself_is_refused() {
-    let text = refusal(stack(&assembled(
-        "self",
-        &format!(
-            "{SET_SP}
-             sei
-             rjmp .-2
-             .type int0, @function
-             int0: sei
-             reti"
+fn a_program_without_a_bound_is_refused_with_the_reason() {
+    let of_f = |f: &str| program(&format!("call f\nrjmp .-2\n.type f, @function\nf: {f}"));
+    let int0 = "sei\nrjmp .-2\n.type int0, @function\nint0: sei\nreti";
+    let itself = assembled("self", &format!("{SET_SP}\n{int0}"));
+    for (name, program, reasons) in [
+        (
+            "a hidden recursion",
+            of_f("tst r24\nbreq 1f\ndec r24\ncall g\n1: ret\n.type g, @function\ng: rjmp f"),
+            ["recursion", ": f -> g -> f"],
         ),
-    )));
-    assert!(text.contains("INT0") && text.contains("can interrupt itself"), "{text}");
-}
-
-#[test]
-fn a_computed_stack_pointer_is_refused() {
-    let program = program(
-        "call f
-         rjmp .-2
-         .type f, @function
-         f: in r28, 0x3D
-         in r29, 0x3E
-         sub r28, r24
-         sbc r29, r25
-         out 0x3E, r29
-         out 0x3D, r28
-         ret",
-    );
-    let text = refusal(stack(&program));
-    assert!(text.contains("in f: SP is set to a computed value"), "{text}");
+        (
+            "a push without a pop on one path",
+            of_f("push r16\ntst r24\nbreq 1f\npop r16\n1: ret"),
+            ["in f: ", "a push without a pop"],
+        ),
+        (
+            "a computed stack pointer",
+            of_f(
+                "in r28, 0x3D\nin r29, 0x3E\nsub r28, r24\nsbc r29, r25\nout 0x3E, r29\n\
+                 out 0x3D, r28\nret",
+            ),
+            ["in f: ", "SP is set to a computed value"],
+        ),
+        ("a handler that does not mask itself", itself, ["INT0", "can interrupt itself"]),
+        (
+            "code that is no instruction",
+            program("nop\n .word 0xFFFF"),
+            ["0xffff", "is no instruction of this core"],
+        ),
+    ] {
+        let text = refusal(stack(&program));
+        assert!(reasons.iter().all(|reason| text.contains(reason)), "{name}: {text}");
+    }
 }
 
 #[test]
 fn an_indirect_call_needs_an_annotation() {
     let program = program(
-        "call f
-         rjmp .-2
-         .type f, @function
-         f: movw r30, r24
-         icall
-         ret
-         .type g, @function
-         g: push r2
-         pop r2
-         ret",
+        "call f\nrjmp .-2\n.type f, @function\nf: movw r30, r24\nicall\nret\n\
+         .type g, @function\ng: push r2\npop r2\nret",
     );
     let text = refusal(stack(&program));
     assert!(text.contains("in f: an indirect call"), "{text}");
@@ -246,25 +174,12 @@ fn an_annotation_needs_a_reason() {
     assert!(text.contains("the annotation of f needs a reason"), "{text}");
 }
 
-#[test]
-fn code_that_is_no_instruction_is_refused() {
-    let text = refusal(stack(&program("nop\n .word 0xFFFF")));
-    assert!(text.contains("0xffff is no instruction of this core"), "{text}");
-}
-
 /// EEPE, which the chip clears.
 #[test]
 fn what_follows_a_wait_for_the_eeprom_counts() {
     let program = program(
-        "sbi 0x1F, 1
-         1: sbic 0x1F, 1
-         rjmp 1b
-         call f
-         rjmp .-2
-         .type f, @function
-         f: push r16
-         pop r16
-         ret",
+        "sbi 0x1F, 1\n1: sbic 0x1F, 1\nrjmp 1b\ncall f\nrjmp .-2\n.type f, @function\n\
+         f: push r16\npop r16\nret",
     );
     assert_eq!(stack(&program).unwrap().bytes, 2 + 1);
 }
