@@ -1,5 +1,6 @@
 //! Error counters, error states, bus-off and recovery in the registers.
 
+use super::script::run_all;
 use super::support::*;
 use can_model::{ErrorState, Fault, Frame};
 
@@ -85,72 +86,27 @@ fn a_receiver_of_destroyed_frames_becomes_error_passive() {
     assert_eq!(bench.read(EFLG) & RXEP, 0, "a valid frame makes it active again");
 }
 
-/// A chip in bus-off on a bus that works again, with its frame still pending.
-fn bus_off() -> Bench {
-    let mut bench = Bench::normal();
-    bench.load(0, 0x123, &[0x55; 8]);
-    bench.rts(1);
-    // After arbitration, in which a dominant bit would only mean another sender.
-    bench.run_bits(30);
-    bench.bus.inject(Fault::StuckDominant(true));
-    for _ in 0..1_000 {
-        bench.run_bits(1);
-        if bench.chip.borrow().error_state() == ErrorState::BusOff {
-            bench.bus.clear_faults();
-            return bench;
-        }
-    }
-    panic!("not bus-off: TEC {}", bench.chip.borrow().tec());
-}
-
-/// DS20001801J 6.7, 7.6.6: TXBO is set when TEC passes 255. TEC has eight bits.
+/// A dominant bus destroys the frame of a chip that is past arbitration, in which a dominant bit
+/// would only mean another sender: the chip is bus-off within 31 x 8 bits. Then the bus works
+/// again, and the frame is still pending.
 #[test]
-fn a_sender_of_destroyed_frames_goes_bus_off() {
-    let mut bench = bus_off();
-    assert_eq!(bench.read(EFLG) & TXBO, TXBO);
-    bench.assert_register(TEC, 255);
-    assert_eq!(bench.read(CANINTF) & (ERRIF | MERRF), ERRIF | MERRF);
-    assert_eq!(bench.read(TXB0CTRL) & TXREQ, TXREQ);
-}
-
-/// DS20001801J 6.7, Figure 6-1: recovery after 128 times 11 recessive bits, with counters at 0.
-/// Then the pending frame is sent.
-#[test]
-fn bus_off_ends_after_128_times_11_recessive_bits() {
-    let mut bench = bus_off();
-    bench.run_bits(128 * 11 - 20);
-    assert_eq!(bench.read(EFLG) & TXBO, TXBO);
-    assert!(bench.peer_received().is_empty());
-    bench.run_bits(40 + FRAME_BITS);
-    bench.assert_register(EFLG, 0);
-    bench.assert_register(TEC, 0);
-    assert_eq!(bench.peer_received().len(), 1);
-    bench.assert_opmod(NORMAL);
-}
-
-/// DS20001801J 9.0: a reset ends bus-off at once.
-#[test]
-fn a_reset_ends_bus_off() {
-    let mut bench = bus_off();
-    bench.reset();
-    bench.assert_register(EFLG, 0);
-    bench.set_up();
-    bench.enter(NORMAL);
-    bench.send(0x123, &[]);
-    bench.run_bits(FRAME_BITS);
-    assert_eq!(bench.peer_received().len(), 1);
-}
-
-/// DS20001801J 3.6, 10.0: without a pending frame a request for configuration mode does not wait
-/// for the recovery.
-#[test]
-fn configuration_mode_can_be_entered_in_bus_off_after_an_abort() {
-    let mut bench = bus_off();
-    bench.request(CONFIGURATION);
-    bench.assert_opmod(NORMAL);
-    bench.modify(CANCTRL, ABAT, ABAT);
-    bench.assert_opmod(CONFIGURATION);
-    bench.assert_register(EFLG, 0);
+fn bus_off() {
+    run_all(
+        "
+6.7, 7.6.6: TXBO is set when TEC passes 255. TEC has eight bits
+    in NORMAL; send 123#5555555555555555; bits 30; stuck; bits 280; free; EFLG & TXBO = TXBO
+    TEC = FF; CANINTF & ERRIF|MERRF = ERRIF|MERRF; TXB0CTRL & TXREQ = TXREQ
+6.7, Figure 6-1: recovery after 128 times 11 recessive bits, with counters at 0; then the frame goes
+    in NORMAL; send 123#5555555555555555; bits 30; stuck; bits 280; free; bits 1388
+    EFLG & TXBO = TXBO; got; bits 240; EFLG = 0; TEC = 0; got 123#5555555555555555; OPMOD = NORMAL
+9.0: a reset ends bus-off at once
+    in NORMAL; send 123#5555555555555555; bits 30; stuck; bits 280; free; reset; EFLG = 0
+    in NORMAL; send 124#; wait; got 124#
+3.6, 10.0: without a pending frame configuration mode does not wait for the recovery
+    in NORMAL; send 123#5555555555555555; bits 30; stuck; bits 280; free; request CONFIGURATION
+    OPMOD = NORMAL; modify CANCTRL ABAT ABAT; OPMOD = CONFIGURATION; EFLG = 0
+",
+    );
 }
 
 /// DS20001801J 7.6: each change of the error state sets ERRIF, which can be cleared while
