@@ -233,23 +233,9 @@ fn a_stretch_that_ends_in_a_function_counts() {
 /// The calls of the second kind are in a function of no kind.
 #[test]
 fn each_combination_of_kinds_of_turns_has_its_own_bound() {
-    let main = "
-        1: in r24, 0x03
-        sbrc r24, 0
-        rcall a
-        sbrc r24, 1
-        rcall b
-        rjmp 1b
-        .type a, @function
-        a: nop
-        ret
-        .type b, @function
-        b: rcall c
-        ret
-        .type c, @function
-        c: nop
-        nop
-        ret";
+    let main = "1: in r24, 0x03\nsbrc r24, 0\nrcall a\nsbrc r24, 1\nrcall b\nrjmp 1b\n\
+        .type a, @function\na: nop\nret\n.type b, @function\nb: rcall c\nret\n\
+        .type c, @function\nc: nop\nnop\nret";
     let kinds = "
         [[turn]]
         kind = 'first'
@@ -279,21 +265,8 @@ fn each_combination_of_kinds_of_turns_has_its_own_bound() {
 /// Most turns that call `c` do so by way of `b`, which takes longer.
 #[test]
 fn a_turn_with_a_call_of_a_function_can_call_it_by_way_of_another() {
-    let main = "
-        1: in r24, 0x03
-        sbrc r24, 0
-        rjmp 2f
-        rcall b
-        rjmp 1b
-        2: rcall c
-        rjmp 1b
-        .type b, @function
-        b: nop
-        rcall c
-        ret
-        .type c, @function
-        c: nop
-        ret";
+    let main = "1: in r24, 0x03\nsbrc r24, 0\nrjmp 2f\nrcall b\nrjmp 1b\n2: rcall c\nrjmp 1b\n\
+        .type b, @function\nb: nop\nrcall c\nret\n.type c, @function\nc: nop\nret";
     let turn = timed(main, "nop", "").turn.unwrap();
     let through: Vec<(&str, u32)> =
         turn.through.iter().map(|time| (time.function.as_str(), time.cycles.0)).collect();

@@ -28,15 +28,8 @@ fn program(main: &str, int0: &str, further: &str) -> Program {
     assembled(
         "sound",
         &format!(
-            "{DEEP}
-             {SET_SP}
-             sbi 0x1D, 0
-             sbi 0x1D, 1
-             {main}
-             .type int0, @function
-             int0: {int0}
-             reti
-             {further}"
+            "{DEEP}\n{SET_SP}\nsbi 0x1D, 0\nsbi 0x1D, 1\n{main}\n.type int0, @function\n\
+             int0: {int0}\nreti\n{further}"
         ),
     )
 }
