@@ -351,14 +351,6 @@ mod tests {
     }
 
     #[test]
-    fn bit_rates_have_their_digits() {
-        assert_eq!(
-            (rate_digit(1_000_000), rate_digit(125_000), rate_digit(123)),
-            (Some('8'), Some('4'), None)
-        );
-    }
-
-    #[test]
     fn a_timestamp_follows_the_data() {
         assert_eq!(line(&Frame::standard(0x123, &[0xAB]), Some(59_999)), b"t1231ABEA5F\r");
     }

@@ -3,6 +3,9 @@
 use super::rig::*;
 use mavlink::dialects::common::{CAN_FILTER_MODIFY_DATA, CanFilterOp};
 
+const FORWARD: Command =
+    Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
+
 fn can_frames(rig: &mut Rig) -> Vec<(u8, CAN_FRAME_DATA)> {
     picked(&rig.sent_messages(), |message| match message {
         MavMessage::CAN_FRAME(data) => Some(data.clone()),
@@ -13,13 +16,7 @@ fn can_frames(rig: &mut Rig) -> Vec<(u8, CAN_FRAME_DATA)> {
 #[test]
 fn frames_are_forwarded_for_five_seconds_after_each_can_forward() {
     let mut rig = Rig::with_node(1);
-    rig.send_request(
-        (0, 0),
-        Request::Command(Command {
-            number: command::CAN_FORWARD,
-            params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        }),
-    );
+    rig.send_request((0, 0), Request::Command(FORWARD));
     rig.run_ms(1000);
     let frames = can_frames(&mut rig);
     // The node's status and the bridge's own.
@@ -43,10 +40,8 @@ fn frames_are_forwarded_for_five_seconds_after_each_can_forward() {
 fn a_station_s_frame_goes_to_the_bus_and_to_the_other_stations() {
     let mut rig = Rig::with_node(1);
     let other = Asker { peer: 2, from: (254, 189), ..STATION };
-    let forward =
-        Command { number: command::CAN_FORWARD, params: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0] };
-    rig.send_request((0, 0), Request::Command(forward));
-    rig.send_request_as(other, (0, 0), Request::Command(forward));
+    rig.send_request((0, 0), Request::Command(FORWARD));
+    rig.send_request_as(other, (0, 0), Request::Command(FORWARD));
     let sent = CAN_FRAME_DATA {
         id: 0x9801_557F,
         target_system: 0,

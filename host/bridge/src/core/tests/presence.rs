@@ -17,20 +17,6 @@ fn a_new_node_s_info_is_requested_and_sent_to_all_stations() {
     assert_eq!(rig.node().info_requests, 1);
 }
 
-#[test]
-fn a_restarted_node_s_info_is_requested_again() {
-    let mut rig = Rig::with_node(0);
-    rig.run_ms(3000);
-    rig.sent_messages();
-    rig.node().uptime_s = 0;
-    rig.run_ms(1500);
-    let sent = rig.sent_messages();
-    assert_eq!(
-        (infos(&sent).len(), texts(&sent)),
-        (1, vec![String::from("Node 42 has restarted")])
-    );
-}
-
 /// Its uptime is 0 in both statuses. Otherwise the bridge would show a value that the restart has
 /// undone.
 #[test]
@@ -89,18 +75,6 @@ fn a_node_is_offline_after_five_seconds_and_reported_once() {
         1,
         "the bridge must request the information of a node that returns"
     );
-}
-
-#[test]
-fn only_nodes_that_are_online_have_heartbeats() {
-    let mut rig = Rig::with_node(0);
-    rig.run_ms(2000);
-    assert_eq!(heartbeats(&mut rig), BTreeSet::from([42, 126]));
-    rig.node().is_silent = true;
-    rig.run_ms(8000);
-    rig.posts.clear();
-    rig.run_ms(3000);
-    assert_eq!(heartbeats(&mut rig), BTreeSet::from([126]));
 }
 
 #[test]
