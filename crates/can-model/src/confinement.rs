@@ -87,31 +87,4 @@ mod tests {
         assert_eq!(state(255, 255), ErrorState::Passive);
         assert_eq!(state(256, 0), ErrorState::BusOff);
     }
-
-    #[test]
-    fn a_success_decrements_the_counter_but_not_below_zero() {
-        let mut counters = Confinement { tec: 1, rec: 1 };
-        counters.transmitted();
-        counters.transmitted();
-        counters.received();
-        counters.received();
-        assert_eq!((counters.tec, counters.rec), (0, 0));
-    }
-
-    #[test]
-    fn a_success_sets_a_passive_receiver_s_counter_to_119() {
-        for (before, after) in [(127, 126), (128, 119), (255, 119)] {
-            let mut counters = Confinement { tec: 0, rec: before };
-            counters.received();
-            assert_eq!(counters.rec, after);
-        }
-    }
-
-    #[test]
-    fn the_receive_counter_stops_at_255() {
-        let mut counters = Confinement { tec: 0, rec: 250 };
-        counters.severe_receive_error();
-        counters.receive_error();
-        assert_eq!(counters.rec, 255);
-    }
 }

@@ -271,37 +271,24 @@ mod tests {
         stuff_text(&text) + "1" + "1" + "1" + "1111111"
     }
 
-    /// SOF, 11 identifier bits, RTR, IDE, r0, DLC, written by hand.
+    /// SOF, identifier, RTR, IDE, r0, DLC, written by hand. A remote frame carries its DLC but no
+    /// data, and a DLC above 8 means 8 bytes.
     #[test]
-    fn a_standard_frame_has_the_bits_of_the_specification() {
-        let frame = Frame::standard(0x123, &[0xDE, 0xAD]);
-        let text = expected("0 00100100011 0 0 0 0010", &[0xDE, 0xAD]);
-        assert_eq!(as_text(&frame.wire_bits()), text);
-    }
-
-    #[test]
-    fn an_extended_frame_has_the_bits_of_the_specification() {
-        let data = [0x01, 0x00, 0x00, 0x38, 0xC7];
-        let frame = Frame::extended(0x1003_F20A, &data);
-        let header = "0 10000000000 1 1 111111001000001010 0 0 0 0101";
-        assert_eq!(as_text(&frame.wire_bits()), expected(header, &data));
-    }
-
-    #[test]
-    fn a_remote_frame_carries_its_dlc_but_no_data() {
-        let standard = Frame::remote(Id::Standard(0x7FF), 8);
-        assert_eq!(as_text(&standard.wire_bits()), expected("0 11111111111 1 0 0 1000", &[]));
-        let extended = Frame::remote(Id::Extended(0), 0);
-        let header = "0 00000000000 1 1 000000000000000000 1 0 0 0000";
-        assert_eq!(as_text(&extended.wire_bits()), expected(header, &[]));
-    }
-
-    #[test]
-    fn a_dlc_above_eight_is_sent_unchanged_with_eight_bytes() {
-        let data = [0xFF; 8];
-        let frame = Frame::with_dlc(Id::Standard(0), 15, data);
-        let header = "0 00000000000 0 0 0 1111";
-        assert_eq!(as_text(&frame.wire_bits()), expected(header, &data));
+    fn frames_have_the_bits_of_the_specification() {
+        for (text, header, data) in [
+            ("123#DEAD", "0 00100100011 0 0 0 0010", &[0xDE, 0xAD][..]),
+            (
+                "1003F20A#01000038C7",
+                "0 10000000000 1 1 111111001000001010 0 0 0 0101",
+                &[0x01, 0x00, 0x00, 0x38, 0xC7],
+            ),
+            ("7FF#R8", "0 11111111111 1 0 0 1000", &[]),
+            ("00000000#R0", "0 00000000000 1 1 000000000000000000 1 0 0 0000", &[]),
+            ("000#FFFFFFFFFFFFFFFF_F", "0 00000000000 0 0 0 1111", &[0xFF; 8]),
+        ] {
+            let frame: Frame = text.parse().unwrap();
+            assert_eq!(as_text(&frame.wire_bits()), expected(header, data), "{text}");
+        }
     }
 
     /// The published check value of CRC-15/CAN for the characters 1 to 9.

@@ -1,42 +1,75 @@
 //! Arbitration, the bit at which a frame counts as received, and the levels meanwhile.
 //! ISO 11898-1:2003 10.4, 10.8, 10.9.
 
+use super::script::{FromSof, run_all};
 use super::*;
 
 #[test]
-fn a_node_that_starts_needs_eleven_recessive_bits_before_it_sends() {
-    let mut lab = Lab::cold(1);
-    lab.send(0, frame("123#"));
-    lab.run(12);
-    assert!(lab.drove_nothing(0, 0..11));
-    assert!(lab.drove_dominant(0, 11..12));
+fn start_and_end_of_a_frame() {
+    run_all::<FromSof>(
+        "
+a node that starts needs eleven recessive bits before it sends
+    cold 1; send 0 123#; run 12; recessive 0 0 11; dominant 0 11 12
+a dominant bit makes a starting node wait again
+    cold 1; send 0 123#; see 10 0 0; run 23; recessive 0 0 22; dominant 0 22 23
+10.9: a frame is valid in the last but one bit of EOF for receivers, and in the last for the sender
+    each $frame: 123#, 7FF#R8, 1003F20A#01000038C7, 00000000#0000000000000000, 15555555#R3, \
+                 1FFFFFFF#FFFFFFFFFFFFFFFF, 000#0011223344556677_F, 123#R0, 00000000#, 555#AA55AA55
+    nodes 2; send 0 $frame; settle; at eof-1 1 Received; at eof 0 Transmitted; got 1 $frame; got 0
+    errors 0; errors 1; counters 0 0 0; counters 1 0 0
+a stuff bit after the last bit of the CRC, as this frame has, is not taken for the delimiter
+    nodes 2; send 0 009#; settle; got 1 009#; at eof 0 Transmitted; errors 0; errors 1
+a node is transmitting from its SOF to its last bit, and the bus is idle three bits later
+    nodes 2; send 0 123#00; send 0 123#00; run 1; is 0 sending; is 1 quiet busy; run 53
+    is 0 sending; is 1 quiet busy; run 1; is 0 quiet; run 2; is 0 busy; run 1; is 0 idle
+10.4.6: a node joins a SOF in the third intermission bit. It continues with its identifier
+    nodes 2; send 0 123#00; send 1 200#; see eof+3 all 0; settle; at eof+50 1 Transmitted
+    got 0 200#; counters 0 0 0; counters 1 0 0
+",
+    );
 }
 
 #[test]
-fn a_dominant_bit_makes_a_starting_node_wait_again() {
-    let mut lab = Lab::cold(1);
-    lab.send(0, frame("123#"));
-    lab.disturb(10, 0, Level::Dominant);
-    lab.run(23);
-    assert!(lab.drove_nothing(0, 0..22));
-    assert!(lab.drove_dominant(0, 22..23));
+fn arbitration() {
+    run_all::<FromSof>(
+        "
+the lowest identifier goes first, and nothing is lost
+    nodes 5; send 0 00000003#03; send 1 00000001#01; send 2 1FFFFFFF#FF; send 3 00000002#02; settle
+    got 4 00000001#01 00000002#02 00000003#03 1FFFFFFF#FF; counters 0 0 0; counters 4 0 0
+data beats remote, standard beats extended of its base identifier (123 in 048C0000), lower base wins
+    each $second $first: 123#R2 123#AAAA, 00000123#R2 00000123#AAAA, 048C0000#01 123#02, \
+                         048C0000#01 123#R2, 123#02 0487FFFF#01
+    nodes 3; send 0 $second; send 1 $first; settle; got 2 $first $second; counters 0 0 0
+    counters 1 0 0; counters 2 0 0
+the loser reports it once and receives the winner
+    nodes 2; send 0 101#; send 1 100#; run 13; at 12 0 ArbitrationLost; is 0 quiet; is 1 sending
+    settle; got 0 100#; got 1 101#
+two nodes must not use the same identifier: the protocol answers with a bit error
+    nodes 2; send 0 100#FF; send 1 100#00; run 30; errors 0 Bit
+identical frames are sent as one
+    nodes 3; send 0 100#AB; send 1 100#AB; settle; got 2 100#AB; at eof 0 Transmitted
+    at eof 1 Transmitted; got 0; got 1
+",
+    );
 }
 
-/// ISO 11898-1 10.9: the frame is valid in the last but one bit of end of frame for receivers, in
-/// the last bit for the transmitter.
 #[test]
-fn a_frame_is_received_one_bit_before_it_is_transmitted() {
-    for text in ["123#", "7FF#R8", "1003F20A#01000038C7", "00000000#0000000000000000"] {
-        let sent = frame(text);
-        let mut lab = Lab::of(2);
-        let start = lab.bit;
-        lab.send(0, sent);
-        lab.settle();
-        let last = start + bits_of(&sent).last_eof;
-        assert_eq!(lab.bits_where(1, |event| event == Event::Received(sent)), [last - 1]);
-        assert_eq!(lab.bits_where(0, |event| event == Event::Transmitted(sent)), [last]);
-        assert_eq!(lab.events.len(), 2, "{text}: {:?}", lab.events);
-    }
+fn modes() {
+    run_all::<FromSof>(
+        "
+a listen-only node receives frames, and drives nothing
+    nodes 3; mode 2 ListenOnly; run 11; send 0 123#AB; send 2 001#; run 100; got 2 123#AB
+    recessive 2 0 100
+without another node the frame is not acknowledged
+    nodes 2; mode 1 ListenOnly; run 11; send 0 123#AB; run 60; errors 0 Ack
+an engine that is off neither drives nor receives
+    nodes 2; mode 1 Off; send 0 123#AB; send 1 001#; run 60; recessive 1 0 60; errors 1; got 1
+    is 1 busy
+loopback: a self-acknowledging engine on its own wire sends to itself
+    nodes 1; loopback 0; send 0 123#AB; send 0 12345678#R3; settle; got 0 123#AB 12345678#R3
+    errors 0; counters 0 0 0
+",
+    );
 }
 
 #[test]
@@ -64,138 +97,6 @@ fn frames_in_a_row_are_three_bits_apart() {
     assert_eq!(ends[0], start + bits_of(&sent).last_eof);
 }
 
-/// `transmitting` and `is_idle` show the engine's progress to an owner.
-#[test]
-fn a_node_is_transmitting_from_its_sof_to_its_last_bit() {
-    let sent = frame("123#00");
-    let mut lab = Lab::of(2);
-    lab.send(0, sent);
-    for _ in 0..=bits_of(&sent).last_eof {
-        lab.step();
-        let last = lab.events.contains(&(lab.bit - 1, 0, Event::Transmitted(sent)));
-        assert_eq!(lab.engines[0].transmitting(), !last);
-        assert!(!lab.engines[1].transmitting() && !lab.engines[1].is_idle());
-    }
-    lab.run(INTERMISSION - 1);
-    assert!(!lab.engines[0].is_idle());
-    lab.run(1);
-    assert!(lab.engines[0].is_idle());
-}
-
-/// Sends all frames at once, each from its own node. Returns the order in which a listener receives
-/// them.
-fn order_of(frames: &[&str]) -> Vec<String> {
-    let mut lab = Lab::of(frames.len() + 1);
-    for (node, text) in frames.iter().enumerate() {
-        lab.send(node, frame(text));
-    }
-    lab.settle();
-    for node in 0..=frames.len() {
-        assert_eq!(lab.counters(node), (0, 0), "a lost arbitration is no error");
-    }
-    lab.received(frames.len()).iter().map(Frame::to_string).collect()
-}
-
-#[test]
-fn the_lowest_identifier_goes_first_and_nothing_is_lost() {
-    let sent = ["00000003#03", "00000001#01", "1FFFFFFF#FF", "00000002#02"];
-    assert_eq!(order_of(&sent), ["00000001#01", "00000002#02", "00000003#03", "1FFFFFFF#FF"]);
-}
-
-#[test]
-fn a_data_frame_beats_the_remote_frame_of_its_identifier() {
-    assert_eq!(order_of(&["123#R2", "123#AAAA"]), ["123#AAAA", "123#R2"]);
-    assert_eq!(order_of(&["00000123#R2", "00000123#AAAA"]), ["00000123#AAAA", "00000123#R2"]);
-}
-
-/// The base identifier of 048C0000 is 123: SRR and IDE decide.
-#[test]
-fn a_standard_frame_beats_the_extended_frame_of_its_base_identifier() {
-    assert_eq!(order_of(&["048C0000#01", "123#02"]), ["123#02", "048C0000#01"]);
-    assert_eq!(order_of(&["048C0000#01", "123#R2"]), ["123#R2", "048C0000#01"]);
-}
-
-#[test]
-fn a_lower_base_identifier_beats_a_standard_frame() {
-    assert_eq!(order_of(&["0487FFFF#01", "123#02"]), ["0487FFFF#01", "123#02"]);
-}
-
-#[test]
-fn the_loser_reports_it_once_and_receives_the_winner() {
-    let mut lab = Lab::of(2);
-    lab.send(0, frame("101#"));
-    lab.send(1, frame("100#"));
-    // SOF, identifier and one stuff bit.
-    lab.run(13);
-    assert_eq!(lab.events_of(0), [Event::ArbitrationLost]);
-    assert!(!lab.engines[0].transmitting() && lab.engines[1].transmitting());
-    lab.settle();
-    assert_eq!(lab.received(0), [frame("100#")]);
-    assert_eq!(lab.received(1), [frame("101#")]);
-}
-
-/// Two nodes must not use the same identifier: the protocol answers with a bit error.
-#[test]
-fn equal_identifiers_with_different_data_collide() {
-    let mut lab = Lab::of(2);
-    lab.send(0, frame("100#FF"));
-    lab.send(1, frame("100#00"));
-    lab.run(30);
-    assert_eq!(lab.errors_of(0), [ErrorKind::Bit]);
-}
-
-#[test]
-fn identical_frames_are_sent_as_one() {
-    let mut lab = Lab::of(3);
-    lab.send(0, frame("100#AB"));
-    lab.send(1, frame("100#AB"));
-    lab.settle();
-    assert_eq!(lab.received(2), [frame("100#AB")]);
-    assert_eq!(lab.events_of(0), [Event::Transmitted(frame("100#AB"))]);
-    assert_eq!(lab.events_of(1), [Event::Transmitted(frame("100#AB"))]);
-}
-
-/// ISO 11898-1 10.4.6: a dominant third bit of the intermission is a SOF, and a node with a frame
-/// to send continues with the first bit of its identifier.
-#[test]
-fn a_node_joins_a_sof_in_the_third_intermission_bit() {
-    let first = frame("123#00");
-    let mut lab = Lab::of(2);
-    let start = lab.bit;
-    lab.send(0, first);
-    lab.send(1, frame("200#"));
-    let third = u64::from(first.bit_count()) - 1;
-    lab.disturb(third, None, Level::Dominant);
-    lab.settle();
-    let end = start + third + bits_of(&frame("200#")).last_eof;
-    assert_eq!(lab.bits_where(1, |event| event == Event::Transmitted(frame("200#"))), [end]);
-    assert_eq!(lab.received(0), [frame("200#")]);
-    assert_eq!((lab.counters(0), lab.counters(1)), ((0, 0), (0, 0)));
-}
-
-#[test]
-fn a_listen_only_node_receives_frames_and_drives_nothing() {
-    let mut lab = Lab::of(3);
-    lab.engines[2].set_mode(EngineMode::ListenOnly);
-    lab.run(11);
-    lab.send(0, frame("123#AB"));
-    lab.send(2, frame("001#"));
-    lab.run(100);
-    assert_eq!(lab.received(2), [frame("123#AB")]);
-    assert!(lab.drove_nothing(2, 0..lab.bit));
-}
-
-/// With only the listener on the bus the frame is not acknowledged.
-#[test]
-fn a_listen_only_node_does_not_acknowledge() {
-    let mut lab = Lab::of(2);
-    lab.engines[1].set_mode(EngineMode::ListenOnly);
-    lab.run(11);
-    lab.send(0, frame("123#AB"));
-    lab.run(60);
-    assert_eq!(lab.errors_of(0), [ErrorKind::Ack]);
-}
-
 /// After a missing acknowledgement the sender's error flag must not make the listener miss the next
 /// frame.
 #[test]
@@ -213,29 +114,4 @@ fn a_listen_only_node_receives_the_first_frame_after_an_error() {
         assert_eq!(lab.received(2), [sent], "bit {bit}");
         assert_eq!(lab.counters(2), (0, 0));
     }
-}
-
-#[test]
-fn an_engine_that_is_off_neither_drives_nor_receives() {
-    let mut lab = Lab::of(2);
-    lab.engines[1].set_mode(EngineMode::Off);
-    lab.send(0, frame("123#AB"));
-    lab.send(1, frame("001#"));
-    lab.run(60);
-    assert!(lab.drove_nothing(1, 0..lab.bit));
-    assert_eq!(lab.events_of(1), []);
-    assert!(!lab.engines[1].is_idle());
-}
-
-/// Loopback: one engine on its own wire.
-#[test]
-fn a_self_acknowledging_engine_sends_to_itself() {
-    let mut lab = Lab::of(1);
-    lab.engines[0].set_self_ack(true);
-    lab.send(0, frame("123#AB"));
-    lab.send(0, frame("12345678#R3"));
-    lab.settle();
-    assert_eq!(lab.received(0), [frame("123#AB"), frame("12345678#R3")]);
-    assert_eq!(lab.errors_of(0), []);
-    assert_eq!(lab.counters(0), (0, 0));
 }

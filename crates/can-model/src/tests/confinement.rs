@@ -1,12 +1,50 @@
 //! The error counters over whole sequences: error-passive, suspended, bus-off and recovery.
 //! ISO 11898-1:2003 13.1.4.
 
+use super::script::{FromSof, run_all};
 use super::*;
 
 const SUSPEND: u64 = 8;
 
 fn is_ack_error(event: Event) -> bool {
     event == Event::Error { kind: ErrorKind::Ack, transmitting: true }
+}
+
+#[test]
+fn counters_of_sequences() {
+    run_all::<FromSof>(
+        "
+a dominant bit during the passive flag of an ACK error adds 8. The SOF is 25 bits after the error
+    nodes 1; send 0 123#; until 0 Passive; from now; see 28+ack 0 0; run 80; counters 0 136 0
+a suspended node lets other nodes send first, even with a lower priority
+    nodes 2; mode 1 Off; send 0 100#; until 0 Passive; mode 1 Normal; send 1 700#; settle
+    sent 700# 100#; counters 0 127 0
+each success decrements the counter by one
+    nodes 2; send 0 555#AAAA; flip 20 all; settle; counters 0 7 0; counters 1 0 0
+    send 0 555#AAAA; settle; counters 0 6 0; send 0 555#AAAA; settle; counters 0 5 0
+a receiver of a valid frame counts one less, and a passive one, active again, 119
+    each $before $state $rec: 127 Active 126, 128 Passive 119, 255 Passive 119
+    nodes 2; rec 1 $before; state 1 $state; counters 1 0 $before; send 0 123#; settle
+    counters 1 0 $rec; state 1 Active
+REC stops at 255
+    nodes 1; rec 0 255; rec 0 255; from now; see 0 0 0; run 14; counters 0 0 255
+b), f): dominant bits after a receiver's flag count at the first and every eighth
+    nodes 1; from now; hold 0 6 0; to 12; counters 0 0 1; hold 12 36 0; to 13; counters 0 0 9
+    to 19; counters 0 0 9; to 20; counters 0 0 17; to 27; counters 0 0 17; to 28; counters 0 0 25
+    to 35; counters 0 0 25; to 36; counters 0 0 33; settle; counters 0 0 33
+f): dominant bits after a sender's flag count at every eighth
+    nodes 1; send 0 123#; hold ack+7 ack+31 0; to ack+7; counters 0 8 0; to ack+14; counters 0 8 0
+    to ack+15; counters 0 16 0; to ack+22; counters 0 16 0; to ack+23; counters 0 24 0
+    to ack+30; counters 0 24 0; to ack+31; counters 0 32 0
+f): dominant bits after an overload flag, of which the node is still the transmitter
+    nodes 2; send 0 123#; see eof+1 all 0; hold eof+8 eof+24 0; to eof+15; counters 0 0 0
+    counters 1 0 0; to eof+16; counters 0 8 0; counters 1 0 8; to eof+23; counters 0 8 0
+    counters 1 0 8; to eof+24; counters 0 16 0; counters 1 0 16
+listening only keeps the counters at zero
+    nodes 2; rec 1 50; mode 1 ListenOnly; counters 1 0 0; run 11; from now; see 0 1 0; run 40
+    errors 1 Stuff; counters 1 0 0
+",
+    );
 }
 
 /// ISO 11898-1 13.1.4.2 c) exception 1 keeps the TEC of a lone node from running into bus-off.
@@ -41,124 +79,6 @@ fn a_passive_sender_waits_eight_bits_more_before_it_repeats() {
     assert!(gaps[..15].iter().all(|&gap| gap == active), "{gaps:?}");
     assert!(gaps[15..].iter().all(|&gap| gap == active + SUSPEND), "{gaps:?}");
     assert!(gaps.len() > 20);
-}
-
-#[test]
-fn a_dominant_bit_during_the_passive_flag_of_an_ack_error_adds_eight() {
-    let sent = frame("123#");
-    let mut lab = Lab::of(1);
-    lab.send(0, sent);
-    while lab.engines[0].tec() < 128 || !lab.engines[0].transmitting() {
-        lab.step();
-    }
-    // One dominant bit in the flag, which starts two bits after the ACK slot.
-    lab.disturb(bits_of(&sent).ack_slot + 2, None, Level::Dominant);
-    lab.run(u64::from(sent.bit_count()));
-    assert_eq!(lab.engines[0].tec(), 136);
-}
-
-/// A suspended node lets other nodes send first, even with a lower priority.
-#[test]
-fn a_passive_sender_lets_other_nodes_send_first() {
-    let mut lab = Lab::of(2);
-    lab.engines[1].set_mode(EngineMode::Off);
-    lab.send(0, frame("100#"));
-    while lab.engines[0].tec() < 128 {
-        lab.step();
-    }
-    lab.engines[1].set_mode(EngineMode::Normal);
-    lab.send(1, frame("700#"));
-    lab.settle();
-    let sent = lab.events.iter().filter_map(|&(_, _, event)| match event {
-        Event::Transmitted(frame) => Some(frame),
-        _ => None,
-    });
-    assert_eq!(sent.collect::<Vec<_>>(), [frame("700#"), frame("100#")]);
-    assert_eq!(lab.engines[0].tec(), 127);
-}
-
-#[test]
-fn each_success_decrements_the_counters_by_one() {
-    let sent = frame("555#AAAA");
-    let mut lab = Lab::of(2);
-    lab.send(0, sent);
-    lab.disturb(20, None, !sent.wire_bits()[20]);
-    lab.settle();
-    let (tec, rec) = (lab.engines[0].tec(), lab.engines[1].rec());
-    assert_eq!((tec, rec), (7, 0));
-    for left in (0..7).rev() {
-        lab.send(0, sent);
-        lab.settle();
-        assert_eq!(lab.engines[0].tec(), left);
-    }
-}
-
-#[test]
-fn a_passive_receiver_is_active_again_with_119_after_a_success() {
-    let mut lab = Lab::of(2);
-    lab.raise_rec(1, 128);
-    assert_eq!(lab.engines[1].error_state(), ErrorState::Passive);
-    lab.send(0, frame("123#"));
-    lab.settle();
-    assert_eq!(lab.engines[1].rec(), 119);
-    assert_eq!(lab.engines[1].error_state(), ErrorState::Active);
-}
-
-/// Feeds an engine a stuff error as a receiver (SOF and five dominant bits), and then its own flag.
-fn after_a_flag() -> Lab {
-    let mut lab = Lab::of(1);
-    for _ in 0..6 {
-        lab.disturb(0, None, Level::Dominant);
-        lab.step();
-    }
-    assert_eq!(lab.counters(0), (0, 1));
-    lab.run(ACTIVE_FLAG);
-    lab
-}
-
-/// Rule b) counts the first dominant bit after the flag, rule f) the eighth, the sixteenth and so
-/// on.
-#[test]
-fn dominant_bits_after_a_receiver_s_flag_count_at_the_first_and_every_eighth() {
-    let mut lab = after_a_flag();
-    let mut rec = Vec::new();
-    for _ in 0..24 {
-        lab.disturb(0, None, Level::Dominant);
-        lab.step();
-        rec.push(lab.engines[0].rec());
-    }
-    let expected: Vec<u16> = (1..=24).map(|bit| 9 + bit / 8 * 8).collect();
-    assert_eq!(rec, expected);
-    lab.settle();
-    assert_eq!(lab.counters(0), (0, 33), "the delimiter has no error");
-}
-
-#[test]
-fn dominant_bits_after_a_sender_s_flag_count_at_every_eighth() {
-    let mut lab = Lab::of(1);
-    lab.send(0, frame("123#"));
-    lab.run(bits_of(&frame("123#")).ack_slot + 1 + ACTIVE_FLAG);
-    assert_eq!(lab.counters(0), (8, 0));
-    for bit in 1..=24 {
-        lab.disturb(0, None, Level::Dominant);
-        lab.step();
-        assert_eq!(lab.counters(0), (8 + bit / 8 * 8, 0));
-    }
-}
-
-#[test]
-fn dominant_bits_after_an_overload_flag_count_at_every_eighth() {
-    let sent = frame("123#");
-    let mut lab = Lab::of(2);
-    lab.send(0, sent);
-    lab.disturb(bits_of(&sent).last_eof + 1, None, Level::Dominant);
-    lab.run(bits_of(&sent).last_eof + 2 + ACTIVE_FLAG);
-    for bit in 1..=16 {
-        lab.disturb(0, None, Level::Dominant);
-        lab.step();
-        assert_eq!(lab.counters(0), (bit / 8 * 8, 0), "the node must still be the transmitter");
-        assert_eq!(lab.counters(1), (0, bit / 8 * 8));
-    }
 }
 
 /// A sender that has a bit error in every frame: 32 x 8 = 256.
@@ -234,17 +154,4 @@ fn switching_a_bus_off_engine_off_and_on_restarts_its_recovery() {
     }
     engine.reset();
     assert_eq!((engine.tec(), engine.mode()), (0, EngineMode::Off));
-}
-
-#[test]
-fn listening_only_keeps_the_counters_at_zero() {
-    let mut lab = Lab::of(2);
-    lab.raise_rec(1, 50);
-    lab.engines[1].set_mode(EngineMode::ListenOnly);
-    assert_eq!(lab.counters(1), (0, 0));
-    lab.run(11);
-    lab.disturb(0, 1, Level::Dominant);
-    lab.run(40);
-    assert_eq!(lab.errors_of(1), [ErrorKind::Stuff]);
-    assert_eq!(lab.counters(1), (0, 0));
 }

@@ -1,8 +1,48 @@
 //! The faults of the bus, and the recovery of the stations.
 
+use super::script::run_all;
 use super::*;
 
 const COMMAND: &str = "1003F20A#01000038C7";
+
+#[test]
+fn faults_and_recovery() {
+    run_all::<Rig>(
+        "
+a bit flipped for one station: it detects the error first, so it counts 8 more (rule b)
+    nodes 3; flip 50 for 2; send 0 1003F20A#01000038C7; bits 500; got 1 1003F20A#01000038C7
+    got 2 1003F20A#01000038C7; error frames 1; counters 0 7 0; counters 1 0 0; counters 2 0 8
+a lost frame is missed by one station only
+    nodes 3; lose 2; send 0 123#01; send 0 123#02; bits 500; got 1 123#01 123#02; got 2 123#02
+    counters 2 0 0; error frames 0
+a station that misses a frame does not take it for an idle bus
+    nodes 3; lose 2; send 0 123#01; bits 20; send 2 100#; bits 500; got 1 123#01 100#
+    error frames 0
+only a frame of another station can be lost
+    nodes 3; lose 0; send 0 123#01; bits 200; got 1 123#01; send 1 123#02; send 1 123#03; bits 500
+    got 0 123#03
+without acknowledgement a sender repeats its frame as error-passive
+    nodes 3; inject NoAck on; send 0 123#01; bits 20000; counters 0 128 0; state 0 Passive
+    queued 0 1; inject NoAck off; bits 1000; queued 0 0; counters 0 127 0
+with destroyed acknowledgements no frame completes, and the sender goes bus-off
+    nodes 2; inject AckDestroyed on; send 0 123#01; bits 1000; queued 0 1; happened 0 Ack; bits 4000
+    happened 0 BusOff; got 1; inject AckDestroyed off; bits 2000; queued 0 0; got 1 123#01
+on a wire stuck dominant no frame passes, and a sender is bus-off after 31 x 8 bits. Its queue stays
+    nodes 2; send 0 123#5555555555555555; bits 30; inject StuckDominant on; bits 200; wire 0
+    bits 300; state 0 BusOff; state 1 Passive; got 1; clear; bits 1408; happened 0 Recovered
+    bits 200; got 1 123#5555555555555555; state 0 Active
+on a bus that is always recessive a sender goes bus-off, and the others receive nothing
+    nodes 2; inject StuckRecessive on; send 0 123#01; bits 1000; state 0 BusOff; counters 1 0 0
+    got 1; clear; bits 1608; got 1 123#01
+a sender of destroyed frames goes bus-off and recovers (ISO 11898-1, fault confinement)
+    nodes 3; inject DestroyFrames on; send 0 1003F20A#01000038C7; bits 6400; frames 0; got 1
+    happened 0 BusOff; inject DestroyFrames off; bits 1908; got 1 1003F20A#01000038C7
+a disconnected station receives only itself, and no station acknowledges it
+    nodes 3; connect 0 off; send 0 001#AA; send 1 123#01; bits 3000; got 2 123#01; got 0
+    counters 0 128 0; frames 1; connect 0 on; bits 2000; got 2 001#AA; counters 0 127 0
+",
+    );
+}
 
 #[test]
 fn a_flipped_bit_destroys_one_frame_which_is_repeated() {
@@ -41,23 +81,6 @@ fn a_flip_of_any_bit_loses_no_frame() {
     }
 }
 
-#[test]
-fn a_bit_flipped_for_one_station_destroys_the_frame_and_it_is_repeated() {
-    let mut rig = Rig::of(3);
-    let port = rig.ports[2];
-    rig.bus.inject(Fault::FlipBitSeenBy { port, bit: 50 });
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(500);
-    assert_eq!(rig.received(1), [frame(COMMAND)]);
-    assert_eq!(rig.received(2), [frame(COMMAND)]);
-    assert_eq!(rig.bus.stats().error_frames, 1);
-    // The station that detects the error first counts 8 more (rule b): 1 + 8, 1 less for the
-    // repetition.
-    assert_eq!(rig.counters(1), (0, 0));
-    assert_eq!(rig.counters(2), (0, 8));
-    assert_eq!(rig.counters(0), (7, 0));
-}
-
 /// A known weakness of CAN: a receiver that rejects a frame in the last but one bit makes the
 /// sender repeat it for those that have accepted it.
 #[test]
@@ -70,48 +93,6 @@ fn an_error_of_one_receiver_in_the_last_but_one_bit_doubles_the_frame_for_the_ot
     rig.run_bits(500);
     assert_eq!(rig.received(1), [frame(COMMAND); 2]);
     assert_eq!(rig.received(2), [frame(COMMAND)]);
-}
-
-#[test]
-fn a_lost_frame_is_missed_by_one_station_only() {
-    let mut rig = Rig::of(3);
-    let port = rig.ports[2];
-    rig.bus.inject(Fault::LoseNextFrame { port });
-    rig.send(0, frame("123#01"));
-    rig.send(0, frame("123#02"));
-    rig.run_bits(500);
-    assert_eq!(rig.received(1), ["123#01", "123#02"].map(frame));
-    assert_eq!(rig.received(2), [frame("123#02")]);
-    assert_eq!(rig.counters(2), (0, 0));
-    assert_eq!(rig.bus.stats().error_frames, 0);
-}
-
-/// The station must not take the missed frame for an idle bus.
-#[test]
-fn a_station_that_misses_a_frame_does_not_send_into_it() {
-    let mut rig = Rig::of(3);
-    let port = rig.ports[2];
-    rig.bus.inject(Fault::LoseNextFrame { port });
-    rig.send(0, frame("123#01"));
-    rig.run_bits(20);
-    rig.send(2, frame("100#"));
-    rig.run_bits(500);
-    assert_eq!(rig.received(1), ["123#01", "100#"].map(frame));
-    assert_eq!(rig.bus.stats().error_frames, 0);
-}
-
-#[test]
-fn only_a_frame_of_another_station_can_be_lost() {
-    let mut rig = Rig::of(3);
-    let port = rig.ports[0];
-    rig.bus.inject(Fault::LoseNextFrame { port });
-    rig.send(0, frame("123#01"));
-    rig.run_bits(200);
-    assert_eq!(rig.received(1), [frame("123#01")]);
-    rig.send(1, frame("123#02"));
-    rig.send(1, frame("123#03"));
-    rig.run_bits(500);
-    assert_eq!(rig.received(0), [frame("123#03")]);
 }
 
 #[test]
@@ -129,79 +110,6 @@ fn without_acknowledgement_a_sender_repeats_for_ever_and_stays_on_the_bus() {
     assert_eq!(errors.count(), 16, "active flags destroy the frame and passive ones do not");
     let whole = RecordKind::Frame { frame: frame(COMMAND), from: Some(rig.ports[0]), acked: false };
     assert!(records.len() > 100 && records[16..].iter().all(|record| record.kind == whole));
-}
-
-#[test]
-fn without_acknowledgement_the_sender_repeats_its_frame_as_error_passive() {
-    let mut rig = Rig::of(3);
-    rig.bus.inject(Fault::NoAck(true));
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(20_000);
-    assert_eq!(rig.counters(0), (128, 0));
-    assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::Passive);
-    assert_eq!(rig.nodes[0].borrow().queued(), 1);
-    rig.bus.inject(Fault::NoAck(false));
-    rig.run_bits(1_000);
-    assert_eq!(rig.nodes[0].borrow().queued(), 0);
-    assert_eq!(rig.counters(0).0, 127);
-    assert_eq!(rig.received(1).last(), Some(&frame(COMMAND)));
-}
-
-#[test]
-fn a_sender_whose_acknowledgements_are_destroyed_goes_bus_off() {
-    let mut rig = Rig::of(2);
-    rig.bus.inject(Fault::AckDestroyed(true));
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(5_000);
-    assert!(rig.events(0).contains(&Event::BusOff));
-}
-
-#[test]
-fn with_destroyed_acknowledgements_no_frame_completes() {
-    let mut rig = Rig::of(2);
-    rig.bus.inject(Fault::AckDestroyed(true));
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(1_000);
-    assert_eq!(rig.nodes[0].borrow().queued(), 1);
-    assert!(rig.events(0).contains(&Event::Error { kind: ErrorKind::Ack, transmitting: true }));
-    rig.bus.inject(Fault::AckDestroyed(false));
-    rig.run_bits(1_000);
-    assert_eq!(rig.nodes[0].borrow().queued(), 0);
-    assert_eq!(rig.received(1), [frame(COMMAND)]);
-}
-
-#[test]
-fn on_a_wire_stuck_dominant_no_frame_passes_until_it_is_released() {
-    let mut rig = Rig::of(2);
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(30);
-    rig.bus.inject(Fault::StuckDominant(true));
-    rig.run_bits(200);
-    assert_eq!(rig.bus.level(), Level::Dominant);
-    // 1 error, then 8 more for every 8 bits: the sender is bus-off after 31 x 8 of them.
-    rig.run_bits(300);
-    assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::BusOff);
-    assert_eq!(rig.nodes[1].borrow().error_state(), ErrorState::Passive);
-    assert_eq!(rig.received(1), []);
-    rig.bus.clear_faults();
-    rig.run_bits(128 * 11);
-    assert!(rig.events(0).contains(&Event::Recovered));
-    rig.run_bits(200);
-    assert_eq!(rig.received(1), [frame(COMMAND)], "the queue must survive bus-off");
-    assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::Active);
-}
-
-#[test]
-fn on_a_bus_that_is_always_recessive_a_sender_goes_bus_off_and_the_others_see_nothing() {
-    let mut rig = Rig::of(2);
-    rig.bus.inject(Fault::StuckRecessive(true));
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(1000);
-    assert_eq!(rig.nodes[0].borrow().error_state(), ErrorState::BusOff);
-    assert_eq!((rig.counters(1), rig.received(1)), ((0, 0), vec![]));
-    rig.bus.clear_faults();
-    rig.run_bits(128 * 11 + 200);
-    assert_eq!(rig.received(1), [frame(COMMAND)]);
 }
 
 #[test]
@@ -227,22 +135,4 @@ fn noise_also_inverts_idle_bits() {
     rig.bus.inject(Fault::BitErrorRate { per_million: 0, seed: 0 });
     rig.run_bits(1_000_000);
     assert_eq!(rig.bus.stats().error_frames, errors);
-}
-
-/// Transmit errors of 8 each, until the sender is bus-off (ISO 11898-1, fault confinement).
-#[test]
-fn a_sender_of_destroyed_frames_goes_bus_off_and_recovers() {
-    let mut rig = Rig::of(3);
-    rig.bus.inject(Fault::DestroyFrames(true));
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(32 * 200);
-    let ends = rig.bus.take_records();
-    assert!(
-        ends.len() >= 32
-            && ends.iter().all(|record| matches!(record.kind, RecordKind::ErrorFrame { .. }))
-    );
-    assert_eq!(rig.received(1), []);
-    rig.bus.inject(Fault::DestroyFrames(false));
-    rig.run_bits(128 * 11 + 500);
-    assert_eq!(rig.received(1), [frame(COMMAND)]);
 }

@@ -125,36 +125,18 @@ fn events_out_of_step_do_not_depend_on_the_steps_they_are_run_in() {
 /// A chip that is configured to the right rate later must join the bus then.
 #[test]
 fn a_station_can_get_in_step_later() {
-    struct Switch(SoftNode, u64);
-    impl Station for Switch {
-        fn drive(&mut self, at: Cycles) -> Level {
-            self.0.drive(at)
-        }
-        fn sample(&mut self, level: Level, at: Cycles) {
-            self.0.sample(level, at);
-        }
-        fn quiet(&self, at: Cycles) -> bool {
-            self.0.quiet(at)
-        }
-        fn transmitting(&self) -> bool {
-            self.0.transmitting()
-        }
-        fn bit_time_ps(&self) -> Option<u64> {
-            Some(self.1)
-        }
-        fn skip_idle(&mut self, bits: u64) {
-            self.0.skip_idle(bits);
-        }
-    }
     let mut rig = Rig::of(2);
-    let late = Rc::new(RefCell::new(Switch(SoftNode::new(1_000_000), 3_700_000)));
+    let late = Rc::new(RefCell::new(Watched {
+        bit_time_ps: 3_700_000,
+        ..Watched::new(SoftNode::new(1_000_000))
+    }));
     rig.bus.attach("late", late.clone());
     rig.run_bits(500);
-    late.borrow_mut().1 = 1_000_000;
+    late.borrow_mut().bit_time_ps = 1_000_000;
     rig.run_bits(100);
     rig.send(0, frame(COMMAND));
     rig.run_bits(500);
-    let received = late.borrow_mut().0.take_received();
+    let received = late.borrow_mut().node.take_received();
     assert_eq!(received.len(), 1);
     assert_eq!(rig.bus.stats().error_frames, 0);
 }

@@ -1,5 +1,6 @@
 //! Tests of the engine and the bus by topic, and the two benches that they use: [`Lab`],
-//! engines on a wire without a clock, and [`Rig`], soft nodes on a [`Bus`].
+//! engines on a wire without a clock, and [`Rig`], soft nodes on a [`Bus`]. `script` runs tables of
+//! tests on both.
 
 mod arbitration;
 mod bus;
@@ -8,6 +9,7 @@ mod errors;
 mod faults;
 mod mixed_rates;
 mod random;
+mod script;
 mod signalling;
 
 use super::*;
@@ -252,6 +254,44 @@ impl Rig {
             RecordKind::ErrorFrame { .. } => None,
         };
         self.bus.take_records().into_iter().filter_map(frame).collect()
+    }
+}
+
+/// A soft node whose driven levels are recorded, and whose rate a test can change. The bus steps
+/// each bit for it.
+struct Watched {
+    node: SoftNode,
+    drove_dominant: bool,
+    bit_time_ps: u64,
+}
+
+impl Watched {
+    fn new(node: SoftNode) -> Watched {
+        let bit_time_ps = node.bit_time_ps().expect("a soft node is on the bus");
+        Watched { node, drove_dominant: false, bit_time_ps }
+    }
+}
+
+impl Station for Watched {
+    fn drive(&mut self, at: Cycles) -> Level {
+        let level = self.node.drive(at);
+        self.drove_dominant |= level.is_dominant();
+        level
+    }
+    fn sample(&mut self, level: Level, at: Cycles) {
+        self.node.sample(level, at);
+    }
+    fn quiet(&self, at: Cycles) -> bool {
+        self.node.quiet(at)
+    }
+    fn transmitting(&self) -> bool {
+        self.node.transmitting()
+    }
+    fn bit_time_ps(&self) -> Option<u64> {
+        Some(self.bit_time_ps)
+    }
+    fn skip_idle(&mut self, bits: u64) {
+        self.node.skip_idle(bits);
     }
 }
 

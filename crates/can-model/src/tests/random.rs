@@ -3,35 +3,6 @@
 use super::fault::Random;
 use super::*;
 
-/// A soft node whose driven levels are recorded. The bus steps each bit for it.
-struct Watched {
-    node: SoftNode,
-    drove_dominant: bool,
-}
-
-impl Station for Watched {
-    fn drive(&mut self, at: Cycles) -> Level {
-        let level = self.node.drive(at);
-        self.drove_dominant |= level.is_dominant();
-        level
-    }
-    fn sample(&mut self, level: Level, at: Cycles) {
-        self.node.sample(level, at);
-    }
-    fn quiet(&self, at: Cycles) -> bool {
-        self.node.quiet(at)
-    }
-    fn transmitting(&self) -> bool {
-        self.node.transmitting()
-    }
-    fn bit_time_ps(&self) -> Option<u64> {
-        self.node.bit_time_ps()
-    }
-    fn skip_idle(&mut self, bits: u64) {
-        self.node.skip_idle(bits);
-    }
-}
-
 /// A frame that no other call returns: `number` is in its identifier and, as far as it fits, in its
 /// data.
 fn random_frame(random: &mut Random, number: u32) -> Frame {
@@ -137,7 +108,7 @@ fn a_listen_only_node_never_drives_dominant_whatever_happens() {
         let mut node = SoftNode::new(1_000_000);
         node.set_listen_only(true);
         node.send(frame("000#"));
-        let listener = Rc::new(RefCell::new(Watched { node, drove_dominant: false }));
+        let listener = Rc::new(RefCell::new(Watched::new(node)));
         let port = rig.bus.attach("listener", listener.clone());
         load(&rig, &mut random, 60, 3);
         rig.bus.inject(Fault::BitErrorRate { per_million: 2_000, seed });
@@ -191,7 +162,7 @@ fn outcome(watched: bool, step: Option<Cycles>, seed: u64) -> impl PartialEq + s
     if watched {
         let mut node = SoftNode::new(1_000_000);
         node.set_listen_only(true);
-        rig.bus.attach("watched", Rc::new(RefCell::new(Watched { node, drove_dominant: false })));
+        rig.bus.attach("watched", Rc::new(RefCell::new(Watched::new(node))));
     }
     load(&rig, &mut random, 60, 4);
     let edges = Rc::new(RefCell::new(Vec::new()));
