@@ -1,7 +1,7 @@
 //! A CAN bus for programs on a host: an SLCAN adapter, the multicast bus of DroneCAN, or SocketCAN.
 //! A lost bus is reopened.
 //!
-//! Nothing here blocks. Frames that the bus does not accept are queued. Beyond [`QUEUE_LIMIT`] the
+//! Nothing here blocks. Frames that the bus does not accept are queued. Beyond `QUEUE_LIMIT` the
 //! newest are dropped and counted, as with a full transmit queue: a requester repeats what is not
 //! answered.
 
