@@ -38,6 +38,8 @@ pub struct LoggedFrame {
     pub fate: Fate,
     /// True if the other buffer was full at `received_at`, too.
     pub other_is_full: bool,
+    /// The mode at `received_at`. In listen-only mode the frame may be broken.
+    pub mode: Mode,
 }
 
 /// How a frame left the chip.
@@ -53,8 +55,8 @@ pub enum Fate {
 #[derive(Debug, Default)]
 pub(super) struct FrameLog {
     closed: VecDeque<LoggedFrame>,
-    /// With [`LoggedFrame::other_is_full`].
-    held: [Option<(Frame, Cycles, bool)>; 2],
+    /// Their fate is [`Fate::Lost`] until they leave.
+    held: [Option<LoggedFrame>; 2],
 }
 
 impl FrameLog {
@@ -69,9 +71,8 @@ impl FrameLog {
     }
 
     fn close(&mut self, buffer: usize, at: Cycles) {
-        if let Some((frame, received_at, other_is_full)) = self.held[buffer].take() {
-            let fate = Fate::Cleared(at);
-            self.push(LoggedFrame { frame, buffer, received_at, fate, other_is_full });
+        if let Some(held) = self.held[buffer].take() {
+            self.push(LoggedFrame { fate: Fate::Cleared(at), ..held });
         }
     }
 
@@ -122,7 +123,7 @@ impl Mcp2515 {
             let index = Self::rx_control(0);
             self.registers[index] = self.registers[index] & !rxctrl::FILHIT0 | filter;
         }
-        self.log.held[buffer] = Some((frame, at, self.is_rx_full(1 - buffer)));
+        self.log.held[buffer] = Some(self.logged(frame, buffer, at));
         self.raise(int::RX0 << buffer);
     }
 
@@ -132,9 +133,19 @@ impl Mcp2515 {
         }
         self.registers[usize::from(registers::EFLG)] |= [eflg::RX0OVR, eflg::RX1OVR][buffer];
         self.raise(int::ERR);
-        let other_is_full = self.is_rx_full(1 - buffer);
-        let fate = Fate::Lost;
-        self.log.push(LoggedFrame { frame, buffer, received_at: at, fate, other_is_full });
+        self.log.push(self.logged(frame, buffer, at));
+    }
+
+    /// An entry of the log for a frame that is lost unless it has a buffer that is cleared.
+    fn logged(&self, frame: Frame, buffer: usize, at: Cycles) -> LoggedFrame {
+        LoggedFrame {
+            frame,
+            buffer,
+            received_at: at,
+            fate: Fate::Lost,
+            other_is_full: self.is_rx_full(1 - buffer),
+            mode: self.mode,
+        }
     }
 
     /// Writes the frame into the registers of a buffer.

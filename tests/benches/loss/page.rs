@@ -138,7 +138,7 @@ fn sentence(rows: &[Row], chip: Chip, floods: usize) -> String {
     match worst {
         Some(worst) if worst.lost() > 0 => {
             format!(
-                "{sentence}; at worst {} ({}; {}).",
+                "{sentence};\nat worst {} ({}; {}).",
                 worst.cells[5], worst.cells[0], worst.cells[1]
             )
         }
@@ -156,7 +156,8 @@ pub fn part(rows: &[Row], chip: Chip, floods: usize) -> String {
          node followed them (only with one output). *Release* is the longest time from the end\n\
          of a frame to the release of its buffer. *Queue* is how full the firmware's queue of\n\
          received frames became. *Newest* is the longest time until an output had the newest\n\
-         value. *Commit*: that of the program.\n\n\
+         value. *Commit*: that of the program. What the node hears while it only listens counts\n\
+         as neither sent nor lost: after disturbed frames it looks for the bit rate of the bus.\n\n\
          | program | frames | minutes | sent | lost | | \
          superseded | release, cycles | queue | newest | commit |\n| --- | --- | ---: | ---: | \
          ---: | ---: | ---: | ---: | ---: | ---: | --- |\n",

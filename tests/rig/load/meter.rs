@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use bench::Cycles;
 use bench::board::{Board, WireEvent};
 use bench::can::Frame;
-use bench::mcp2515::Fate;
+use bench::mcp2515::{Fate, Mode};
 
 /// Address of CANINTF.
 pub(super) const CANINTF: u8 = 0x2C;
@@ -104,9 +104,9 @@ pub struct Meter {
     check: Option<(Cycles, Cycles, usize)>,
     reads: Vec<Instruction>,
     newest_received_at: Cycles,
-    /// Number of frames read and released.
+    /// Number of frames read and released, without those that the controller only listened to.
     pub frames: u64,
-    /// Number of frames lost because both buffers were full.
+    /// Number of frames lost because both buffers were full, without the same.
     pub lost: u64,
     /// Times at which they were complete.
     pub lost_at: Vec<Cycles>,
@@ -144,7 +144,8 @@ impl Meter {
     pub fn collect(&mut self, board: &mut Board) {
         let log = board.chip().borrow_mut().take_frame_log();
         let mut releases: VecDeque<(Cycles, Cycles, Frame)> = VecDeque::new();
-        for entry in log {
+        // The driver throws away what it hears in listen-only mode, of which much is broken.
+        for entry in log.into_iter().filter(|entry| entry.mode != Mode::ListenOnly) {
             match entry.fate {
                 Fate::Lost => {
                     self.lost += 1;

@@ -1,6 +1,6 @@
 //! Receive buffers: contents, rollover, overflow, log.
 
-use super::super::Fate;
+use super::super::{Fate, Mode};
 use super::script::run_all;
 use super::support::*;
 use can_model::{Frame, Id};
@@ -108,13 +108,19 @@ fn the_frame_log_has_the_times_of_rxnif() {
     assert!(log[2].received_at < log[1].received_at && log[1].received_at < log[0].received_at);
 }
 
-/// A frame in its buffer is logged when it leaves, also by a reset.
+/// A frame in its buffer is logged when it leaves, also by a reset, with the mode in which it came.
+/// In listen-only mode it comes although nobody acknowledges it (10.3).
 #[test]
-fn a_frame_is_logged_when_it_leaves() {
-    let mut bench = Bench::normal();
-    bench.peer_sends(&[Frame::standard(1, &[1])]);
-    assert!(bench.chip.borrow_mut().take_frame_log().is_empty());
-    bench.spi(&[RESET]);
-    assert_eq!(bench.chip.borrow_mut().take_frame_log().len(), 1);
-    assert!(bench.chip.borrow_mut().take_frame_log().is_empty());
+fn a_frame_is_logged_when_it_leaves_with_the_mode_in_which_it_came() {
+    for (mode, name) in [(NORMAL, Mode::Normal), (LISTEN_ONLY, Mode::ListenOnly)] {
+        let mut bench = Bench::in_mode(mode);
+        bench.peer.borrow_mut().send(Frame::standard(1, &[1]));
+        bench.run_to_flag();
+        let log = |bench: &Bench| bench.chip.borrow_mut().take_frame_log();
+        assert!(log(&bench).is_empty(), "in {name:?}");
+        bench.spi(&[RESET]);
+        let modes: Vec<Mode> = log(&bench).iter().map(|entry| entry.mode).collect();
+        assert_eq!(modes, [name]);
+        assert!(log(&bench).is_empty(), "in {name:?}");
+    }
 }
