@@ -108,6 +108,8 @@ pub struct Adapter {
     pub invalid: u64,
     /// The same before the channel is open. A byte that no adapter sends counts for all.
     garbage: u64,
+    /// The last command was rejected.
+    is_refused: bool,
 }
 
 impl Adapter {
@@ -126,6 +128,7 @@ impl Adapter {
             echoed: 0,
             invalid: 0,
             garbage: 0,
+            is_refused: false,
         }
     }
 
@@ -240,6 +243,7 @@ impl Adapter {
 
     /// Sends the next command that opens the adapter, after an answer or a timeout.
     fn step(&mut self, now: Duration, done: bool) -> Result<(), Refusal> {
+        self.is_refused |= !done;
         match self.state {
             // Some adapters answer the empty line before the command, some do not: waits for the
             // other answers, so that none counts as the answer to the next command.
@@ -253,10 +257,12 @@ impl Adapter {
             State::Rate | State::Stamping | State::Opening if self.garbage >= GARBAGE_LINES => {
                 return Err(Refusal::Garbage);
             }
-            State::Opening if !done && self.channel == Channel::ListenOnly => {
+            // The bell may be a byte of garbage, of which more follows.
+            State::Rate | State::Opening if self.is_refused && now < self.deadline => {}
+            State::Opening if self.is_refused && self.channel == Channel::ListenOnly => {
                 return Err(Refusal::CannotListen);
             }
-            State::Rate | State::Opening if !done => {
+            State::Rate | State::Opening if self.is_refused => {
                 return Err(Refusal::Rejected(self.bit_rate));
             }
             State::Rate if self.wants_stamps => self.command(State::Stamping, "Z1\r", now),
@@ -275,6 +281,7 @@ impl Adapter {
 
     fn command(&mut self, state: State, command: &str, now: Duration) {
         self.state = state;
+        self.is_refused = false;
         self.deadline = now + TIMEOUT;
         self.out.extend(command.bytes());
     }
@@ -372,8 +379,8 @@ mod tests {
     fn a_rate_that_the_adapter_rejects_is_an_error() {
         let mut adapter = Adapter::new(125_000, Channel::Normal, ms(0));
         adapter.poll(ms(500)).unwrap();
-        let refusal = adapter.receive(b"\x07", ms(501), &mut Vec::new()).unwrap_err();
-        assert_eq!(refusal, Refusal::Rejected(125_000));
+        adapter.receive(b"\x07", ms(501), &mut Vec::new()).unwrap();
+        assert_eq!(adapter.poll(ms(1000)), Err(Refusal::Rejected(125_000)));
         let mut adapter = Adapter::new(123, Channel::Normal, ms(0));
         assert_eq!(adapter.poll(ms(500)), Err(Refusal::NoSuchRate(123)));
     }
@@ -383,8 +390,8 @@ mod tests {
         let mut adapter = Adapter::new(125_000, Channel::ListenOnly, ms(0));
         adapter.poll(ms(500)).unwrap();
         adapter.receive(b"\r", ms(501), &mut Vec::new()).unwrap();
-        let refusal = adapter.receive(b"\x07", ms(502), &mut Vec::new()).unwrap_err();
-        assert_eq!(refusal, Refusal::CannotListen);
+        adapter.receive(b"\x07", ms(502), &mut Vec::new()).unwrap();
+        assert_eq!(adapter.poll(ms(1001)), Err(Refusal::CannotListen));
     }
 
     /// A GPS, an adapter at another baud rate, a program that prints; each has the bytes of answers
@@ -405,6 +412,17 @@ mod tests {
                 }
             };
             assert_eq!(refusal, Refusal::Garbage, "{}", other.escape_ascii());
+        }
+        // A bell is an answer, unless garbage follows.
+        for (more, expected) in
+            [(&b""[..], Refusal::Rejected(1_000_000)), (b"\xFF\xFE\r", Refusal::Garbage)]
+        {
+            let mut adapter = Adapter::new(1_000_000, Channel::ListenOnly, ms(0));
+            adapter.poll(ms(500)).unwrap();
+            adapter.receive(b"\x07\r", ms(501), &mut Vec::new()).unwrap();
+            let refusal = adapter.receive(more, ms(502), &mut Vec::new());
+            let refusal = refusal.and_then(|()| adapter.poll(ms(999)));
+            assert_eq!(refusal.and_then(|()| adapter.poll(ms(1000))), Err(expected));
         }
         // The end of a line from the session before.
         let mut adapter = Adapter::new(1_000_000, Channel::ListenOnly, ms(0));
