@@ -233,14 +233,6 @@ fn a_transfer_times_out_after_two_seconds() {
 }
 
 #[test]
-fn seven_bytes_are_one_frame_and_eight_are_two() {
-    assert_eq!(split(&[0; 7], TransferId::new(0), 0).len(), 1);
-    assert_eq!(split(&[0; 8], TransferId::new(0), 0).len(), 2);
-    assert_eq!(split(&[0; 12], TransferId::new(0), 0).len(), 2);
-    assert_eq!(split(&[0; 13], TransferId::new(0), 0).len(), 3);
-}
-
-#[test]
 fn transfer_ids_count_modulo_32() {
     let mut id = TransferId::new(31);
     assert_eq!(id.advance().get(), 31);

@@ -215,29 +215,6 @@ fn a_wrong_byte_in_a_long_transfer_is_noticed() {
 }
 
 #[test]
-fn a_missing_frame_affects_only_its_own_transfer() {
-    let payload: Vec<u8> = (0..30).collect();
-    let transfer = Transfer {
-        type_id: 265,
-        source: node(1),
-        route: Route::Broadcast,
-        transfer_id: TransferId::new(4),
-        payload,
-    };
-    let frames = transfer.split(types::ARRAY_COMMAND.seed.unwrap());
-    assert_eq!(frames.len(), 4);
-    let mut assembler = Assembler::new();
-    assert_eq!(push(&mut assembler, &frames[0], AT), Outcome::Partial);
-    assert_eq!(push(&mut assembler, &frames[2], AT), MISSING);
-    let orphan = Outcome::Invalid("continues a transfer that did not start");
-    assert_eq!(push(&mut assembler, &frames[3], AT), orphan);
-    for frame in &frames[..3] {
-        assert_eq!(push(&mut assembler, frame, AT), Outcome::Partial);
-    }
-    assert_eq!(push(&mut assembler, &frames[3], AT), Outcome::Complete(transfer));
-}
-
-#[test]
 fn frames_with_another_transfer_id_do_not_continue_a_transfer() {
     let frames = golden(&FOUR_COMMANDS.replace("084C041B", "084C041C"));
     let mut assembler = Assembler::new();
@@ -286,13 +263,6 @@ fn a_broadcast_frame_has_eight_bytes_and_other_frames_seven() {
     assert_eq!([0, 7, 8, 12, 13].map(|len| frames(Route::Unicast(node(2)), len)), [1, 1, 2, 2, 3]);
     assert_eq!(frames(Route::Request(node(2)), transfer::PAYLOAD_MAX), 63);
     assert_eq!(transfer::PAYLOAD_MAX, 439);
-}
-
-#[test]
-fn transfer_ids_count_modulo_8() {
-    let mut id = TransferId::new(7);
-    assert_eq!(id.advance().get(), 7);
-    assert_eq!(id.get(), 0);
 }
 
 /// [`dialect`](crate::dialect) needs this: an identifier of a known type of one dialect is not one
