@@ -140,15 +140,7 @@ impl fmt::Display for Decoded {
 }
 
 /// The result of a frame for an observer.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Observation {
-    /// The frame completes a transfer.
-    Complete(Decoded),
-    /// The frame is part of a transfer that is not complete.
-    Partial,
-    /// The frame is not valid in its dialect; the text has the reason.
-    Invalid(&'static str),
-}
+pub type Observation = Outcome<Decoded>;
 
 /// Reassembles the transfers of all nodes on a bus, in either dialect.
 #[derive(Default)]
@@ -167,22 +159,14 @@ impl Observer {
     /// Handles an extended data frame that ended at `at`. All times count from the same moment.
     pub fn push(&mut self, id: u32, data: &[u8], at: Duration) -> Observation {
         match self.dialects.dialect(id, data) {
-            Dialect::V0 => match self.v0.push(id, data, at) {
-                Outcome::Complete(transfer) => {
-                    let message = Message::decode(&transfer);
-                    Observation::Complete(Decoded::V0(transfer, message))
-                }
-                Outcome::Partial => Observation::Partial,
-                Outcome::Invalid(why) => Observation::Invalid(why),
-            },
-            Dialect::Draft => match self.draft.push(id, data, at) {
-                draft::Outcome::Complete(transfer) => {
-                    let message = draft::Message::decode(&transfer);
-                    Observation::Complete(Decoded::Draft(transfer, message))
-                }
-                draft::Outcome::Partial => Observation::Partial,
-                draft::Outcome::Invalid(why) => Observation::Invalid(why),
-            },
+            Dialect::V0 => self.v0.push(id, data, at).map(|transfer| {
+                let message = Message::decode(&transfer);
+                Decoded::V0(transfer, message)
+            }),
+            Dialect::Draft => self.draft.push(id, data, at).map(|transfer| {
+                let message = draft::Message::decode(&transfer);
+                Decoded::Draft(transfer, message)
+            }),
         }
     }
 }

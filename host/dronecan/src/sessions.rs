@@ -1,6 +1,7 @@
 //! Incomplete transfers of several frames, in either dialect.
 
 use crate::crc;
+use crate::transfer::Outcome;
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::time::Duration;
@@ -76,45 +77,44 @@ impl<K: Copy + Eq + Hash> Sessions<K> {
     }
 
     /// Adds a frame to its session; `next` is the place of the one behind it. Returns the payload
-    /// and the number of frames of a transfer that is complete. Without a known seed the CRC cannot
-    /// be checked; an observer shows the transfer nevertheless.
-    ///
-    /// # Errors
-    /// If the frame does not continue its session, which closes it. The text has the reason.
+    /// and the number of frames of a transfer that is complete. A frame that does not continue its
+    /// session closes it. Without a known seed the CRC cannot be checked; an observer shows the
+    /// transfer nevertheless.
     pub fn go_on(
         &mut self,
         key: K,
         part: &Part,
         next: u8,
         seed: impl FnOnce() -> Option<u16>,
-    ) -> Result<Option<(Vec<u8>, usize)>, &'static str> {
-        let mut session =
-            self.open.remove(&key).ok_or("continues a transfer that did not start")?;
+    ) -> Outcome<(Vec<u8>, usize)> {
+        let Some(mut session) = self.open.remove(&key) else {
+            return Outcome::Invalid("continues a transfer that did not start");
+        };
         if (session.id, session.next) != (part.id, part.place) {
-            return Err("a frame of the transfer is missing");
+            return Outcome::Invalid("a frame of the transfer is missing");
         }
         if part.at.saturating_sub(session.started_at) > self.timeout {
-            return Err("transfer timed out");
+            return Outcome::Invalid("transfer timed out");
         }
         session.stream.extend_from_slice(part.bytes);
         session.frames += 1;
         session.next = next;
         if !part.is_last && !part.is_full {
-            return Err("middle frame that is not full");
+            return Outcome::Invalid("middle frame that is not full");
         }
         if session.stream.len() > self.longest + CRC_LEN {
-            return Err("transfer too long");
+            return Outcome::Invalid("transfer too long");
         }
         if !part.is_last {
             self.open.insert(key, session);
-            return Ok(None);
+            return Outcome::Partial;
         }
         let payload = session.stream.split_off(CRC_LEN);
         let sent = u16::from_le_bytes([session.stream[0], session.stream[1]]);
         if seed().is_some_and(|seed| crc::feed(seed, &payload) != sent) {
-            return Err("wrong transfer CRC");
+            return Outcome::Invalid("wrong transfer CRC");
         }
-        Ok(Some((payload, session.frames)))
+        Outcome::Complete((payload, session.frames))
     }
 
     #[cfg(test)]

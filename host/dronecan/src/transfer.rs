@@ -68,13 +68,24 @@ pub struct Transfer {
 
 /// The result of a frame.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Outcome {
+pub enum Outcome<T = Transfer> {
     /// The transfer is complete, and its CRC is valid if it has one.
-    Complete(Transfer),
+    Complete(T),
     /// The frame is part of a transfer that is not complete.
     Partial,
-    /// The frame is not valid; the text has the reason.
+    /// The frame is not valid in its dialect; the text has the reason.
     Invalid(&'static str),
+}
+
+impl<T> Outcome<T> {
+    /// The same with another form of the transfer.
+    pub fn map<U>(self, to: impl FnOnce(T) -> U) -> Outcome<U> {
+        match self {
+            Outcome::Complete(transfer) => Outcome::Complete(to(transfer)),
+            Outcome::Partial => Outcome::Partial,
+            Outcome::Invalid(why) => Outcome::Invalid(why),
+        }
+    }
 }
 
 /// Data of the frames that carry `payload`, in order. `seed` is that of the data type; a
@@ -160,13 +171,8 @@ impl Assembler {
             }
             (false, _) => {
                 let seed = || DataType::of(id).and_then(|data_type| data_type.seed);
-                match self.sessions.go_on(id, &part, 1 - part.place, seed) {
-                    Ok(None) => Outcome::Partial,
-                    Ok(Some((payload, frames))) => {
-                        Outcome::Complete(Transfer { id, transfer_id, payload, frames })
-                    }
-                    Err(reason) => Outcome::Invalid(reason),
-                }
+                let outcome = self.sessions.go_on(id, &part, 1 - part.place, seed);
+                outcome.map(|(payload, frames)| Transfer { id, transfer_id, payload, frames })
             }
         }
     }

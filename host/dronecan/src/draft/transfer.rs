@@ -117,15 +117,7 @@ impl Transfer {
 }
 
 /// The result of a frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Outcome {
-    /// The transfer is complete, and its CRC is valid if it has one.
-    Complete(Transfer),
-    /// The frame is part of a transfer that is not complete.
-    Partial,
-    /// The frame is not valid; the text has the reason.
-    Invalid(&'static str),
-}
+pub type Outcome = crate::Outcome<Transfer>;
 
 /// What the frames of a transfer have in common except for the transfer ID.
 type Key = (u16, NodeId, Route);
@@ -196,11 +188,8 @@ impl Assembler {
             _ => {
                 let seed =
                     || DataType::of(id.type_id, id.transfer_type).and_then(|known| known.seed);
-                match self.sessions.go_on(key, &part, id.index + 1, seed) {
-                    Ok(None) => Outcome::Partial,
-                    Ok(Some((payload, _))) => Outcome::Complete(transfer(payload)),
-                    Err(reason) => Outcome::Invalid(reason),
-                }
+                let outcome = self.sessions.go_on(key, &part, id.index + 1, seed);
+                outcome.map(|(payload, _)| transfer(payload))
             }
         }
     }
