@@ -2,57 +2,22 @@
 //!
 //! Layouts from the public DSDL; little endian, float16 by the crate `half`.
 
+use crate::text::numbered;
 use half::f16;
 use std::fmt;
 
-/// Unit of an actuator command.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum CommandUnit {
-    /// -1 to +1, without a unit.
-    Unitless,
-    /// Radians of a servo, metres of a linear actuator.
-    Position,
-    Force,
-    Speed,
-    /// Pulse width in microseconds.
-    Pwm,
-    Unknown(u8),
-}
-
-impl CommandUnit {
-    fn from_field(field: u8) -> CommandUnit {
-        match field {
-            0 => CommandUnit::Unitless,
-            1 => CommandUnit::Position,
-            2 => CommandUnit::Force,
-            3 => CommandUnit::Speed,
-            4 => CommandUnit::Pwm,
-            other => CommandUnit::Unknown(other),
-        }
-    }
-
-    fn field(self) -> u8 {
-        match self {
-            CommandUnit::Unitless => 0,
-            CommandUnit::Position => 1,
-            CommandUnit::Force => 2,
-            CommandUnit::Speed => 3,
-            CommandUnit::Pwm => 4,
-            CommandUnit::Unknown(other) => other,
-        }
-    }
-}
-
-impl fmt::Display for CommandUnit {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            CommandUnit::Unitless => f.pad("unitless"),
-            CommandUnit::Position => f.pad("position"),
-            CommandUnit::Force => f.pad("force"),
-            CommandUnit::Speed => f.pad("speed"),
-            CommandUnit::Pwm => f.pad("PWM"),
-            CommandUnit::Unknown(other) => write!(f, "type {other}"),
-        }
+numbered! {
+    /// Unit of an actuator command.
+    #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+    pub enum CommandUnit or Unknown "type {}" {
+        /// -1 to +1, without a unit.
+        Unitless = 0 "unitless",
+        /// Radians of a servo, metres of a linear actuator.
+        Position = 1 "position",
+        Force = 2 "force",
+        Speed = 3 "speed",
+        /// Pulse width in microseconds.
+        Pwm = 4 "PWM",
     }
 }
 

@@ -1,5 +1,6 @@
 //! Payload of a BatteryInfo.
 
+use crate::text::flags;
 use half::f16;
 use std::fmt;
 
@@ -105,14 +106,7 @@ impl BatteryInfo {
 
     /// The flags besides IN_USE as text, with a space before each. Unknown flags are a number.
     pub fn flags_text(&self) -> String {
-        let is_set = |bit: usize| self.flags >> bit & 1 != 0;
-        let named = FLAGS.iter().enumerate().skip(1).filter(|(bit, _)| is_set(*bit));
-        let mut text: String = named.map(|(_, name)| format!(" {name}")).collect();
-        let unknown = self.flags >> FLAGS.len() << FLAGS.len();
-        if unknown != 0 {
-            text += &format!(" flags {unknown:#05x}");
-        }
-        text
+        flags(self.flags & !1, &FLAGS, 5)
     }
 
     /// Charge, energy and temperature as text, each with a space before it. What is not known is

@@ -4,7 +4,7 @@
 //! Layouts from the public DSDL, little endian.
 
 use super::id::UNIQUE_ID_LEN;
-use super::text::hex;
+use super::text::{flags, hex};
 use half::f16;
 use std::fmt;
 
@@ -149,14 +149,7 @@ const CIRCUIT_ERRORS: [&str; 3] = ["OVERVOLTAGE", "UNDERVOLTAGE", "OVERCURRENT"]
 impl CircuitStatus {
     /// The errors as text, with a space before each. Unknown flags are a number.
     pub fn errors_text(&self) -> String {
-        let is_set = |bit: usize| self.errors >> bit & 1 != 0;
-        let named = CIRCUIT_ERRORS.iter().enumerate().filter(|(bit, _)| is_set(*bit));
-        let mut text: String = named.map(|(_, name)| format!(" {name}")).collect();
-        let unknown = self.errors >> CIRCUIT_ERRORS.len() << CIRCUIT_ERRORS.len();
-        if unknown != 0 {
-            text += &format!(" flags {unknown:#04x}");
-        }
-        text
+        flags(self.errors.into(), &CIRCUIT_ERRORS, 4)
     }
 }
 
@@ -334,16 +327,21 @@ impl fmt::Display for CanStats {
             ("timed out", self.tx_timedout),
             ("aborted", self.tx_abort),
         ];
-        let mut nonzero =
-            |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
-        faults.into_iter().try_for_each(|(name, count)| nonzero(name, count))?;
+        write_faults(f, &faults)?;
         write!(f, ", in {}", self.rx_received)?;
-        let mut nonzero =
-            |name, count| if count == 0 { Ok(()) } else { write!(f, " {name} {count}") };
-        nonzero("overflow", self.rx_overflow)?;
-        nonzero("errors", self.rx_errors)?;
-        nonzero("bus-off", self.busoff_errors)
+        let faults = [
+            ("overflow", self.rx_overflow),
+            ("errors", self.rx_errors),
+            ("bus-off", self.busoff_errors),
+        ];
+        write_faults(f, &faults)
     }
+}
+
+/// Writes the counts that are not 0.
+fn write_faults(f: &mut fmt::Formatter<'_>, faults: &[(&str, u16)]) -> fmt::Result {
+    let mut counted = faults.iter().filter(|(_, count)| *count != 0);
+    counted.try_for_each(|(name, count)| write!(f, " {name} {count}"))
 }
 
 /// protocol.debug.LogMessage: `level u3 | source u8[<=31] | text`.

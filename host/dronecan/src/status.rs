@@ -1,6 +1,7 @@
 //! The status of a node: protocol.NodeStatus, which is a message and the beginning of a GetNodeInfo
 //! response.
 
+use crate::text::numbered;
 use std::fmt;
 
 /// A NodeStatus in a GetNodeInfo response, in the form of a dialect.
@@ -34,53 +35,16 @@ impl fmt::Display for Health {
     }
 }
 
-/// Mode of a node. The dialect does not define 4 to 6.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Mode {
-    #[default]
-    Operational,
-    Initialization,
-    Maintenance,
-    SoftwareUpdate,
-    Offline,
-    Undefined(u8),
-}
-
-impl Mode {
-    fn from_field(field: u8) -> Mode {
-        match field {
-            0 => Mode::Operational,
-            1 => Mode::Initialization,
-            2 => Mode::Maintenance,
-            3 => Mode::SoftwareUpdate,
-            7 => Mode::Offline,
-            other => Mode::Undefined(other),
-        }
-    }
-
-    /// The number on the wire.
-    pub fn field(self) -> u8 {
-        match self {
-            Mode::Operational => 0,
-            Mode::Initialization => 1,
-            Mode::Maintenance => 2,
-            Mode::SoftwareUpdate => 3,
-            Mode::Offline => 7,
-            Mode::Undefined(other) => other & 7,
-        }
-    }
-}
-
-impl fmt::Display for Mode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Mode::Operational => f.pad("OPERATIONAL"),
-            Mode::Initialization => f.pad("INITIALIZATION"),
-            Mode::Maintenance => f.pad("MAINTENANCE"),
-            Mode::SoftwareUpdate => f.pad("SOFTWARE_UPDATE"),
-            Mode::Offline => f.pad("OFFLINE"),
-            Mode::Undefined(number) => write!(f, "mode {number}"),
-        }
+numbered! {
+    /// Mode of a node. The dialect does not define 4 to 6.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum Mode or Undefined "mode {}" {
+        #[default]
+        Operational = 0 "OPERATIONAL",
+        Initialization = 1 "INITIALIZATION",
+        Maintenance = 2 "MAINTENANCE",
+        SoftwareUpdate = 3 "SOFTWARE_UPDATE",
+        Offline = 7 "OFFLINE",
     }
 }
 
@@ -130,7 +94,7 @@ impl NodeStatus {
     /// The payload.
     pub fn encode(&self) -> Vec<u8> {
         let mut payload = self.uptime_s.to_le_bytes().to_vec();
-        payload.push((self.health as u8) << 6 | self.mode.field() << 3 | self.sub_mode & 7);
+        payload.push((self.health as u8) << 6 | (self.mode.field() & 7) << 3 | self.sub_mode & 7);
         payload.extend(self.vendor_code.to_le_bytes());
         payload
     }

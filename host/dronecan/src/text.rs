@@ -60,6 +60,58 @@ pub(crate) fn list<T: fmt::Display>(f: &mut fmt::Formatter<'_>, items: &[T]) -> 
     })
 }
 
+/// The names of the bits that are set, each after a space. Bits without a name are one number, of
+/// `width` characters.
+pub(crate) fn flags(bits: u16, names: &[&str], width: usize) -> String {
+    let named = names.iter().enumerate().filter(|(bit, _)| bits >> bit & 1 != 0);
+    let text: String = named.map(|(_, name)| format!(" {name}")).collect();
+    match bits >> names.len() << names.len() {
+        0 => text,
+        unknown => format!("{text} flags {unknown:#0width$x}"),
+    }
+}
+
+/// An enumeration with the numbers and the names of its variants. The one behind `or` has the other
+/// numbers.
+macro_rules! numbered {
+    ($(#[$doc:meta])* pub enum $name:ident or $others:ident $text_of_others:literal {
+        $($(#[$about:meta])* $variant:ident = $number:literal $text:literal,)*
+    }) => {
+        $(#[$doc])*
+        pub enum $name {
+            $($(#[$about])* $variant,)*
+            $others(u8),
+        }
+
+        impl $name {
+            fn from_field(field: u8) -> $name {
+                match field {
+                    $($number => $name::$variant,)*
+                    other => $name::$others(other),
+                }
+            }
+
+            /// The number on the wire.
+            pub fn field(self) -> u8 {
+                match self {
+                    $($name::$variant => $number,)*
+                    $name::$others(other) => other,
+                }
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                match self {
+                    $($name::$variant => f.pad($text),)*
+                    $name::$others(other) => write!(f, $text_of_others, other),
+                }
+            }
+        }
+    };
+}
+pub(crate) use numbered;
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -13,59 +13,21 @@ use crate::management::{
     encode_restarted, write_magic, write_ok,
 };
 use crate::status::{Health, Mode, StatusField};
-use crate::text::{display, list};
+use crate::text::{display, list, numbered};
 use crate::types::Kind;
 use half::f16;
 use std::fmt;
 
-/// Status code of a node.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum StatusCode {
-    #[default]
-    Ok,
-    Initializing,
-    Warning,
-    Critical,
-    Offline,
-    /// 4 to 14, which are not defined.
-    Undefined(u8),
-}
-
-impl StatusCode {
-    fn from_field(field: u8) -> StatusCode {
-        match field {
-            0 => StatusCode::Ok,
-            1 => StatusCode::Initializing,
-            2 => StatusCode::Warning,
-            3 => StatusCode::Critical,
-            15 => StatusCode::Offline,
-            other => StatusCode::Undefined(other),
-        }
-    }
-
-    /// The number on the wire, 0 to 15.
-    pub fn field(self) -> u8 {
-        match self {
-            StatusCode::Ok => 0,
-            StatusCode::Initializing => 1,
-            StatusCode::Warning => 2,
-            StatusCode::Critical => 3,
-            StatusCode::Offline => 15,
-            StatusCode::Undefined(other) => other & 0xF,
-        }
-    }
-}
-
-impl fmt::Display for StatusCode {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            StatusCode::Ok => f.pad("OK"),
-            StatusCode::Initializing => f.pad("INITIALIZING"),
-            StatusCode::Warning => f.pad("WARNING"),
-            StatusCode::Critical => f.pad("CRITICAL"),
-            StatusCode::Offline => f.pad("OFFLINE"),
-            StatusCode::Undefined(number) => write!(f, "status {number}"),
-        }
+numbered! {
+    /// Status code of a node. 4 to 14 are not defined.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub enum StatusCode or Undefined "status {}" {
+        #[default]
+        Ok = 0 "OK",
+        Initializing = 1 "INITIALIZING",
+        Warning = 2 "WARNING",
+        Critical = 3 "CRITICAL",
+        Offline = 15 "OFFLINE",
     }
 }
 
