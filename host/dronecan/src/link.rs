@@ -18,7 +18,7 @@ use std::fmt;
 use std::io::{self, ErrorKind};
 use std::net::Ipv4Addr;
 use std::os::fd::{AsFd, BorrowedFd};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Duration;
 
@@ -155,28 +155,8 @@ impl Bus {
     pub fn open(&mut self, now: Duration) -> Result<()> {
         let line = match &self.spec {
             Spec::Slcan { path, baud } => {
-                let port = SerialPort::open(path, *baud).map_err(|error| match error.kind() {
-                    ErrorKind::NotFound => {
-                        anyhow!(
-                            "there is no {}; is the adapter plugged in, or sim running?",
-                            path.display()
-                        )
-                    }
-                    _ if error.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => {
-                        anyhow!(
-                            "{} is not a serial port; those of adapters are /dev/ttyACM0, \
-                             /dev/ttyUSB0, ..",
-                            path.display()
-                        )
-                    }
-                    ErrorKind::PermissionDenied => {
-                        anyhow!(
-                            "no permission for {}; members of the group dialout have it",
-                            path.display()
-                        )
-                    }
-                    _ => anyhow!(error).context(format!("cannot open {}", path.display())),
-                })?;
+                let question = "is the adapter plugged in, or sim running?";
+                let port = open_serial(path, *baud, "adapter", question)?;
                 // Two programs would take each other's bytes, and close each other's channel.
                 if flock(&port, FlockOperation::NonBlockingLockExclusive).is_err() {
                     bail!("another program uses {}: an update, or a bridge?", path.display());
@@ -410,6 +390,24 @@ fn send_socketcan(socket: &CanSocket, frame: &Frame) -> io::Result<bool> {
         Err(error) if error.raw_os_error() == Some(Errno::NOBUFS.raw_os_error()) => Ok(false),
         Err(error) => Err(error),
     }
+}
+
+/// Opens a serial port for a device. `question` says where to look if the port is not there.
+///
+/// # Errors
+/// If it cannot be opened. The error has a remedy.
+pub fn open_serial(path: &Path, baud: u32, device: &str, question: &str) -> Result<SerialPort> {
+    let shown = path.display();
+    SerialPort::open(path, baud).map_err(|error| match error.kind() {
+        ErrorKind::NotFound => anyhow!("there is no {shown}; {question}"),
+        _ if error.raw_os_error() == Some(Errno::NOTTY.raw_os_error()) => anyhow!(
+            "{shown} is not a serial port; those of {device}s are /dev/ttyACM0, /dev/ttyUSB0, .."
+        ),
+        ErrorKind::PermissionDenied => {
+            anyhow!("no permission for {shown}; members of the group dialout have it")
+        }
+        _ => anyhow!(error).context(format!("cannot open {shown}")),
+    })
 }
 
 /// An SLCAN adapter on its serial port.

@@ -94,19 +94,11 @@ fn parse(line: &[u8]) -> Option<Command> {
     }
 }
 
+/// The bit rate of each digit, in thousands.
+const KBIT_S: [u32; 9] = [10, 20, 50, 100, 125, 250, 500, 800, 1000];
+
 fn bit_rate(digit: u8) -> Option<u32> {
-    let kbit_s = match digit {
-        b'0' => 10,
-        b'1' => 20,
-        b'2' => 50,
-        b'3' => 100,
-        b'4' => 125,
-        b'5' => 250,
-        b'6' => 500,
-        b'7' => 800,
-        b'8' => 1000,
-        _ => return None,
-    };
+    let kbit_s = KBIT_S.get(usize::from(digit.checked_sub(b'0')?))?;
     Some(kbit_s * 1000)
 }
 
