@@ -19,8 +19,9 @@ mod delay;
 #[cfg(test)]
 mod tests;
 
+use crate::task::Purpose;
 use delay::Delay;
-use dronecan_host::{CanId, DataType, Frame, NodeId, Transfer, TransferId};
+use dronecan_host::{CanId, DataType, Frame, Message, NodeId, Transfer, TransferId};
 use std::collections::{BTreeMap, VecDeque};
 use std::time::Duration;
 
@@ -56,9 +57,6 @@ impl Timeouts {
         }
     }
 }
-
-/// For ExecuteOpcode. They are long because a small node writes all of its parameters.
-pub const OPCODE_TIMEOUTS: Timeouts = Timeouts::from_ms(1500, 3000);
 
 /// The order of requests.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -177,6 +175,16 @@ impl<P> Line<P> {
 /// The node, the purpose, and the payload of the answer; `None` if the request failed.
 pub type Answer<P> = (NodeId, P, Option<Vec<u8>>);
 
+impl Calls<Purpose> {
+    /// Puts a request into the node's queue, with the timeouts and the urgency of its purpose.
+    pub fn ask(&mut self, node: NodeId, message: &Message, purpose: Purpose) {
+        if let Some((service, payload)) = message.encode() {
+            let (timeouts, urgency) = purpose.pace();
+            self.request(node, *service, payload, timeouts, urgency, purpose);
+        }
+    }
+}
+
 /// All requests to all nodes.
 pub struct Calls<P> {
     own: NodeId,
@@ -206,7 +214,7 @@ impl<P> Calls<P> {
     }
 
     /// Puts a request into the node's queue.
-    pub fn request(
+    fn request(
         &mut self,
         node: NodeId,
         service: DataType,

@@ -24,6 +24,7 @@ use crate::tunnel::Tunnels;
 use dronecan_host::{
     Assembler, CanId, Frame, Id, NodeId, NodeInfo, NodeStatus, Outcome, Transfer, TransferId, types,
 };
+use mavlink::dialects::common::MavMessage;
 use std::collections::BTreeMap;
 use std::time::Duration;
 
@@ -223,16 +224,12 @@ impl Bridge {
             Request::ParameterSet { name, value, kind } => {
                 // PARAM_SET needs one node: the same value for all nodes makes no sense.
                 if component != 0 {
-                    state.parameter_ops(component, || Op::Set {
-                        asker,
-                        name: name.clone(),
-                        value,
-                        kind,
-                    });
+                    let set = || Op::Set { asker, name: name.clone(), value, kind };
+                    state.parameter_ops(component, set);
                 }
             }
             Request::Command(command) => {
-                self.commands.command(state, &mut self.forward, now, asker, component, command);
+                self.commands.take(state, &mut self.forward, now, asker, component, command);
             }
             Request::Frame(data) => {
                 if let Some(frame) = self.forward.frame_from_station(state, asker, &data) {
@@ -259,33 +256,28 @@ impl Bridge {
             _ => return,
         };
         if let Some(content) = ftp::answer(asker.from, request) {
-            self.state.post(To::One(asker.peer), Class::Answer, answering, content);
+            self.state.answer(asker, answering, content);
         }
     }
 
     /// The bridge's own heartbeat, for a station that has no place yet.
     pub fn heartbeat(&self) -> Out {
-        self.own(Content::from(self.state.heartbeat(None)))
+        self.own(self.state.heartbeat(None))
     }
 
     /// A STATUSTEXT of the bridge, for a station that has no place yet.
     pub fn warning(&self, words: &str) -> Out {
-        self.own(Content::from(warning(words)))
+        self.own(warning(words))
     }
 
-    fn own(&self, content: Content) -> Out {
-        Out { component: self.state.settings.component, content }
+    fn own(&self, message: MavMessage) -> Out {
+        Out { component: self.state.settings.component, content: Content::from(message) }
     }
 
     /// Sends a new ground station a heartbeat and the known nodes.
     pub fn joined(&mut self, now: Duration, peer: PeerId) {
-        let heartbeat = self.state.heartbeat(None);
-        self.state.post(
-            To::One(peer),
-            Class::Answer,
-            self.state.settings.component,
-            Content::from(heartbeat),
-        );
+        let (own, heartbeat) = (self.state.settings.component, self.state.heartbeat(None));
+        self.state.post(To::One(peer), Class::Answer, own, heartbeat);
         self.state.send_all_infos(now, peer);
     }
 

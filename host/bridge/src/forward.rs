@@ -6,7 +6,6 @@
 //! to it. A filter passes the message types and services with its numbers; 0 stands for anonymous
 //! frames.
 
-use crate::message::Content;
 use crate::post::{Asker, PeerId, To};
 use crate::queue::Class;
 use crate::state::State;
@@ -140,12 +139,8 @@ impl Forward {
                 len: frame.data().len() as u8,
                 data,
             };
-            state.post(
-                To::One(asker.peer),
-                Class::Frame,
-                component,
-                Content::from(MavMessage::CAN_FRAME(message)),
-            );
+            let message = MavMessage::CAN_FRAME(message);
+            state.post(To::One(asker.peer), Class::Frame, component, message);
         }
     }
 

@@ -4,22 +4,26 @@
 //! The bridge requests the information when a node appears, returns or restarts. Without an answer
 //! it repeats the request, less and less often.
 
-use crate::calls::{Timeouts, Urgency};
-use crate::message::{Content, chars};
+use crate::message::chars;
 use crate::post::{PeerId, To};
 use crate::queue::Class;
 use crate::state::State;
 use crate::task::Purpose;
-use dronecan_host::{CanId, NodeId, NodeInfo, NodeStatus, TransferId, frames, types};
+use dronecan_host::{CanId, Message, NodeId, NodeInfo, NodeStatus, TransferId, types};
 use mavlink::dialects::common::{MavMessage, UAVCAN_NODE_INFO_DATA};
 use std::time::Duration;
 
-const INFO_TIMEOUTS: Timeouts = Timeouts::from_ms(500, 2500);
 /// Time until the request is repeated to a node that does not answer. It doubles each time.
 const INFO_RETRY: Duration = Duration::from_secs(2);
 const INFO_RETRY_MAX: Duration = Duration::from_secs(60);
 /// The bridge's node name on the bus.
 pub const NAME: &str = "org.dronecan.mavlink_bridge";
+
+/// Major and minor version of the bridge.
+pub fn own_version() -> (u8, u8) {
+    let number = |digits: &str| digits.parse().expect("cargo writes numbers");
+    (number(env!("CARGO_PKG_VERSION_MAJOR")), number(env!("CARGO_PKG_VERSION_MINOR")))
+}
 
 impl State {
     pub(crate) fn request_info(&mut self, id: NodeId) {
@@ -27,14 +31,7 @@ impl State {
             && !node.info.is_requested
         {
             node.info.is_requested = true;
-            self.calls.request(
-                id,
-                types::GET_NODE_INFO,
-                Vec::new(),
-                INFO_TIMEOUTS,
-                Urgency::Background,
-                Purpose::Info,
-            );
+            self.calls.ask(id, &Message::NodeInfoRequest, Purpose::Info);
         }
     }
 
@@ -85,7 +82,7 @@ impl State {
             sw_version_major: info.software.0,
             sw_version_minor: info.software.1,
         };
-        self.post(to, Class::Info, id.get(), Content::from(MavMessage::UAVCAN_NODE_INFO(data)));
+        self.post(to, Class::Info, id.get(), MavMessage::UAVCAN_NODE_INFO(data));
     }
 
     /// Sends GetNodeInfo to nodes without information, and repeats the UAVCAN_NODE_INFO of the
@@ -120,13 +117,9 @@ impl State {
         priority: u8,
         transfer_id: TransferId,
     ) {
-        let part = |text: &str| text.parse().unwrap_or(0);
         let info = NodeInfo {
             status: NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() },
-            software: (
-                part(env!("CARGO_PKG_VERSION_MAJOR")),
-                part(env!("CARGO_PKG_VERSION_MINOR")),
-            ),
+            software: own_version(),
             unique_id: self.settings.unique_id,
             name: NAME.into(),
             ..NodeInfo::default()
@@ -138,7 +131,6 @@ impl State {
             destination: to,
             source: self.settings.node,
         };
-        self.outgoing
-            .extend(frames(id, &info.encode(), transfer_id).into_iter().map(|frame| (frame, None)));
+        self.send(id, &info.encode(), transfer_id);
     }
 }

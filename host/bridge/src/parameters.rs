@@ -9,21 +9,17 @@
 //!
 //! PARAM_ERROR answers a request that cannot be executed.
 
-use crate::calls::{OPCODE_TIMEOUTS, Timeouts, Urgency};
-use crate::message::{Content, chars, text};
+use crate::message::{Content, chars};
 use crate::node::{Listing, Table};
 use crate::number::{self, Number, Unfit};
 use crate::post::{Asker, To};
 use crate::queue::Class;
 use crate::state::State;
 use crate::task::{Op, Purpose};
-use dronecan_host::{NodeId, Opcode, ParameterRequest, ParameterResponse, Value, types};
+use dronecan_host::{Message, NodeId, Opcode, ParameterRequest, ParameterResponse, Value};
 use mavlink::dialects::common::{MavMessage, MavParamError, PARAM_ERROR_DATA};
 use std::time::Duration;
 
-/// The GUI tool waits 100 ms. A node that writes its memory first needs more, and some nodes take a
-/// second for each request.
-const PARAMETER_TIMEOUTS: Timeouts = Timeouts::from_ms(300, 4000);
 /// The highest index that GetSet can encode.
 const INDEX_MAX: u16 = (1 << 13) - 1;
 /// Number of parameters fetched at once.
@@ -39,10 +35,10 @@ impl State {
             None => Vec::new(),
             Some(id) => self.nodes.contains_key(&id).then_some(id).into_iter().collect(),
         };
-        for id in
-            all.into_iter().filter(|id| !self.is_other_component(id.get())).collect::<Vec<_>>()
-        {
-            self.parameter_op(id, op());
+        for id in all {
+            if !self.is_other_component(id.get()) {
+                self.parameter_op(id, op());
+            }
         }
     }
 
@@ -74,14 +70,8 @@ impl State {
         let Some(listing) = &mut node.listing else { return };
         while listing.end.is_none() && listing.on_their_way < AT_ONCE && listing.next <= INDEX_MAX {
             let request = ParameterRequest { index: listing.next, ..ParameterRequest::default() };
-            self.calls.request(
-                id,
-                types::GET_SET,
-                request.encode(),
-                PARAMETER_TIMEOUTS,
-                Urgency::Background,
-                Purpose::Item(listing.next),
-            );
+            let purpose = Purpose::Item(listing.next);
+            self.calls.ask(id, &Message::ParameterRequest(request), purpose);
             listing.next += 1;
             listing.on_their_way += 1;
         }
@@ -90,10 +80,8 @@ impl State {
             let got = std::mem::take(&mut listing.got);
             node.listing = None;
             self.calls.remove_requests(id, |purpose| matches!(purpose, Purpose::Item(_)));
-            self.finish_listing(
-                id,
-                Table::new(got.into_iter().take_while(|(index, _)| *index < end).map(|(_, p)| p)),
-            );
+            let all = got.into_iter().take_while(|(index, _)| *index < end);
+            self.finish_listing(id, Table::new(all.map(|(_, parameter)| parameter)));
         }
     }
 
@@ -126,17 +114,12 @@ impl State {
             let (count, left_out) = (table.entries.len(), table.left_out.len());
             self.log.push(format!("node {id} has {} parameters", count + left_out));
             for entry in table.entries.iter().filter(|entry| entry.short.as_bytes() != entry.full) {
-                self.log.push(format!(
-                    "node {id}: {} is {} in MAVLink",
-                    entry.last.name(),
-                    entry.short
-                ));
+                let name = entry.last.name();
+                self.log.push(format!("node {id}: {name} is {} in MAVLink", entry.short));
             }
             for parameter in table.left_out.iter().map(|entry| &entry.last) {
-                self.log.push(format!(
-                    "node {id}: {} is text, which MAVLink cannot carry",
-                    parameter.name()
-                ));
+                let name = parameter.name();
+                self.log.push(format!("node {id}: {name} is text, which MAVLink cannot carry"));
             }
         }
         node.table = Some(table);
@@ -156,12 +139,7 @@ impl State {
             match op {
                 Op::List(asker) => {
                     let words = format!("Node {id} does not send its parameters");
-                    self.post(
-                        To::One(asker.peer),
-                        Class::Text,
-                        id.get(),
-                        Content::from(text(&words)),
-                    );
+                    self.say(To::One(asker.peer), id.get(), &words);
                 }
                 Op::ReadIndex(asker, index) => self.refuse(id, asker, Some(index), "", READ_FAIL),
                 Op::ReadName(asker, name) | Op::Set { asker, name, .. } => {
@@ -174,14 +152,14 @@ impl State {
 
     /// Executes an operation with the complete table.
     fn run(&mut self, id: NodeId, op: Op) {
-        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
+        let Some(table) = self.table(id) else { return };
         match op {
             Op::List(asker) if table.entries.is_empty() => {
                 let words = match table.left_out.len() {
                     0 => format!("Node {id} has no parameters"),
                     _ => format!("Node {id} has parameters of text only"),
                 };
-                self.post(To::One(asker.peer), Class::Text, id.get(), Content::from(text(&words)));
+                self.say(To::One(asker.peer), id.get(), &words);
             }
             Op::List(asker) => {
                 for at in 0..table.entries.len() {
@@ -209,42 +187,33 @@ impl State {
     }
 
     fn set(&mut self, id: NodeId, asker: Asker, at: usize, value: f32, kind: u8) {
-        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
-        let entry = &table.entries[at];
-        if !self.settings.rights.change {
-            return self.read(
-                id,
-                asker,
-                at,
-                Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED),
-            );
-        }
-        match number::decode(kind, value, asker.encoding, &entry.last) {
+        let Some(table) = self.table(id) else { return };
+        let decoded = number::decode(kind, value, asker.encoding, &table.entries[at].last);
+        let error = match decoded {
+            _ if !self.settings.rights.change => {
+                Some(MavParamError::MAV_PARAM_ERROR_PERMISSION_DENIED)
+            }
             Ok(Some(wanted)) => {
-                self.get_set(id, at, wanted.clone(), Purpose::Set { asker, at, wanted });
+                let purpose = Purpose::Set { asker, at, wanted: wanted.clone() };
+                return self.get_set(id, at, wanted, purpose);
             }
             // The parameter does not change, but the station gets an answer.
-            Ok(None) => self.read(id, asker, at, None),
-            Err(Unfit::Kind) => {
-                self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED))
-            }
-            Err(Unfit::Value) => {
-                self.read(id, asker, at, Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH))
-            }
-        }
+            Ok(None) => None,
+            Err(Unfit::Kind) => Some(MavParamError::MAV_PARAM_ERROR_TYPE_UNSUPPORTED),
+            Err(Unfit::Value) => Some(MavParamError::MAV_PARAM_ERROR_TYPE_MISMATCH),
+        };
+        self.read(id, asker, at, error);
     }
 
     fn get_set(&mut self, id: NodeId, at: usize, value: Value, purpose: Purpose) {
-        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
+        let Some(table) = self.table(id) else { return };
         let request = ParameterRequest { index: 0, value, name: table.entries[at].full.clone() };
-        self.calls.request(
-            id,
-            types::GET_SET,
-            request.encode(),
-            PARAMETER_TIMEOUTS,
-            Urgency::Now,
-            purpose,
-        );
+        self.calls.ask(id, &Message::ParameterRequest(request), purpose);
+    }
+
+    /// The parameters of a node, if they were fetched.
+    fn table(&self, id: NodeId) -> Option<&Table> {
+        self.nodes.get(&id)?.table.as_ref()
     }
 
     /// Handles the answer to a GetSet; `None` if there was none.
@@ -272,12 +241,8 @@ impl State {
                     // All stations must see the new value.
                     self.post_parameter(id, at, To::All, Class::Answer);
                     if in_force != Some(wanted) {
-                        self.reject_entry(
-                            id,
-                            asker,
-                            at,
-                            MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE,
-                        );
+                        let error = MavParamError::MAV_PARAM_ERROR_VALUE_OUT_OF_RANGE;
+                        self.reject_entry(id, asker, at, error);
                     } else if let (Some(after), Some(node)) =
                         (self.settings.autosave, self.nodes.get_mut(&id))
                     {
@@ -338,7 +303,7 @@ impl State {
     }
 
     fn post_parameter(&mut self, id: NodeId, at: usize, to: To, class: Class) {
-        let Some(table) = self.nodes.get(&id).and_then(|node| node.table.as_ref()) else { return };
+        let Some(table) = self.table(id) else { return };
         let Some(number) = table.entries.get(at).and_then(|entry| Number::of(&entry.last)) else {
             return;
         };
@@ -352,11 +317,8 @@ impl State {
     }
 
     fn reject_entry(&mut self, id: NodeId, asker: Asker, at: usize, error: MavParamError) {
-        let table = self.nodes.get(&id).and_then(|node| node.table.as_ref());
-        let name = table
-            .and_then(|table| table.entries.get(at))
-            .map(|entry| entry.short.clone())
-            .unwrap_or_default();
+        let entry = self.table(id).and_then(|table| table.entries.get(at));
+        let name = entry.map(|entry| entry.short.clone()).unwrap_or_default();
         self.refuse(id, asker, None, &name, error);
     }
 
@@ -376,12 +338,7 @@ impl State {
             param_id: chars(name.as_bytes()),
             error,
         };
-        self.post(
-            To::One(asker.peer),
-            Class::Answer,
-            id.get(),
-            Content::from(MavMessage::PARAM_ERROR(data)),
-        );
+        self.answer(asker, id.get(), MavMessage::PARAM_ERROR(data));
     }
 
     /// Saves parameters some time after the last PARAM_SET.
@@ -389,15 +346,7 @@ impl State {
         for (id, node) in &mut self.nodes {
             if node.save_at.is_some_and(|at| now >= at) {
                 node.save_at = None;
-                let payload = Opcode::SAVE.encode();
-                self.calls.request(
-                    *id,
-                    types::EXECUTE_OPCODE,
-                    payload,
-                    OPCODE_TIMEOUTS,
-                    Urgency::Now,
-                    Purpose::Autosave,
-                );
+                self.calls.ask(*id, &Message::ExecuteOpcode(Opcode::SAVE), Purpose::Autosave);
             }
         }
     }

@@ -1,12 +1,12 @@
 //! Nodes that are online, and their status: NodeStatus on the bus, UAVCAN_NODE_STATUS and HEARTBEAT
 //! on the channels.
 
-use crate::message::{Content, Out, text};
+use crate::message::{Content, Out};
 use crate::node::Node;
 use crate::post::{Post, To};
 use crate::queue::Class;
 use crate::state::State;
-use dronecan_host::{Health, Mode, NodeId, NodeStatus, TransferId, frames, types};
+use dronecan_host::{Health, Mode, NodeId, NodeStatus, TransferId, types};
 use mavlink::dialects::common::{
     HEARTBEAT_DATA, MavAutopilot, MavMessage, MavModeFlag, MavState, MavType,
     UAVCAN_NODE_STATUS_DATA, UavcanNodeHealth, UavcanNodeMode,
@@ -77,12 +77,7 @@ impl State {
             self.log.push(format!("node {id} has restarted: {status}"));
         }
         if restarted {
-            self.post(
-                To::All,
-                Class::Text,
-                id.get(),
-                Content::from(text(&format!("Node {id} has restarted"))),
-            );
+            self.say(To::All, id.get(), &format!("Node {id} has restarted"));
         }
         match (appeared, restarted) {
             (_, true) => NodeChange::Restarted,
@@ -122,12 +117,7 @@ impl State {
         for id in gone {
             self.log
                 .push(format!("node {id} is offline: no status for {} s", OFFLINE_AFTER.as_secs()));
-            self.post(
-                To::All,
-                Class::Text,
-                id.get(),
-                Content::from(text(&format!("Node {id} is offline"))),
-            );
+            self.say(To::All, id.get(), &format!("Node {id} is offline"));
             self.posts.push(Post::Forget { node: id });
             if let Some(node) = self.nodes.get_mut(&id) {
                 node.is_online = false;
@@ -139,22 +129,14 @@ impl State {
     pub(crate) fn send_heartbeats(&mut self, now: Duration, transfer_id: TransferId) {
         let status = NodeStatus { uptime_s: now.as_secs() as u32, ..NodeStatus::default() };
         let id = types::NODE_STATUS.message_id(STATUS_PRIORITY, self.settings.node);
-        self.outgoing.extend(
-            frames(id, &status.encode(), transfer_id).into_iter().map(|frame| (frame, None)),
-        );
-        self.post(
-            To::All,
-            Class::Answer,
-            self.settings.component,
-            Content::from(self.heartbeat(None)),
-        );
-        // A second heartbeat of that component would contradict its own.
+        self.send(id, &status.encode(), transfer_id);
         let own = self.settings.component;
+        self.post(To::All, Class::Answer, own, self.heartbeat(None));
+        // A second heartbeat of that component would contradict its own.
         let speaking = |id: &NodeId| id.get() != own && !self.is_other_component(id.get());
         let nodes: Vec<NodeId> = self.online_nodes().filter(speaking).collect();
         for id in nodes {
-            let heartbeat = self.heartbeat(Some(id));
-            self.post(To::All, Class::Heartbeat, id.get(), Content::from(heartbeat));
+            self.post(To::All, Class::Heartbeat, id.get(), self.heartbeat(Some(id)));
         }
     }
 

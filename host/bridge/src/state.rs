@@ -2,13 +2,13 @@
 //! [`crate::core`] owns it.
 
 use crate::calls::Calls;
-use crate::message::{Content, Out, warning};
+use crate::message::{Content, Out, text, warning};
 use crate::node::Node;
-use crate::post::{PeerId, Post, To};
+use crate::post::{Asker, PeerId, Post, To};
 use crate::queue::Class;
 use crate::task::Purpose;
 use crate::tunnel;
-use dronecan_host::{Frame, NodeId};
+use dronecan_host::{CanId, Frame, NodeId, TransferId, frames};
 use std::collections::{BTreeMap, BTreeSet};
 use std::time::Duration;
 
@@ -83,8 +83,25 @@ impl State {
         is_hidden || self.real_components.contains(&component)
     }
 
-    pub fn post(&mut self, to: To, class: Class, component: u8, content: Content) {
-        self.posts.push(Post::Message { to, class, out: Out { component, content } });
+    pub fn post(&mut self, to: To, class: Class, component: u8, content: impl Into<Content>) {
+        let out = Out { component, content: content.into() };
+        self.posts.push(Post::Message { to, class, out });
+    }
+
+    /// Answers a station.
+    pub fn answer(&mut self, asker: Asker, component: u8, content: impl Into<Content>) {
+        self.post(To::One(asker.peer), Class::Answer, component, content);
+    }
+
+    /// Sends a STATUSTEXT.
+    pub fn say(&mut self, to: To, component: u8, words: &str) {
+        self.post(to, Class::Text, component, text(words));
+    }
+
+    /// Sends a transfer on the bus.
+    pub fn send(&mut self, id: CanId, payload: &[u8], transfer_id: TransferId) {
+        let frames = frames(id, payload, transfer_id).into_iter();
+        self.outgoing.extend(frames.map(|frame| (frame, None)));
     }
 
     /// Reports a problem to all ground stations and in the log.
@@ -93,7 +110,7 @@ impl State {
         let mut chars = words.chars();
         let sentence: String =
             chars.next().into_iter().flat_map(char::to_uppercase).chain(chars).collect();
-        self.post(To::All, Class::Text, self.settings.component, Content::from(warning(&sentence)));
+        self.post(To::All, Class::Text, self.settings.component, warning(&sentence));
     }
 
     /// Unix time in microseconds, for the messages that have it.

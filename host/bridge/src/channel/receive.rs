@@ -1,7 +1,7 @@
 //! What a channel receives, and the end of its peers.
 
 use super::radio::Radio;
-use super::{Channel, Integers, MAVPROXY, PEERS_MAX, READS_AT_ONCE, RETRY, Transport};
+use super::{Channel, Integers, MAVPROXY, PEERS_MAX, Peer, READS_AT_ONCE, RETRY, Transport};
 use crate::core::Bridge;
 use crate::message::{In, Received, Refused, Request};
 use crate::number::IntegerEncoding;
@@ -56,6 +56,18 @@ impl Channel {
             self.dropped += peer.queue.dropped().values().sum::<u64>();
             self.log.push(format!("{}: {} has left: {why}", self.spec, peer.name));
             bridge.left(id);
+        }
+    }
+
+    pub(super) fn remove_those(
+        &mut self,
+        bridge: &mut Bridge,
+        which: impl Fn(&Peer) -> bool,
+        why: &str,
+    ) {
+        let those = self.peers.iter().filter(|(_, peer)| which(peer));
+        for id in those.map(|(id, _)| *id).collect::<Vec<_>>() {
+            self.remove(bridge, id, why);
         }
     }
 

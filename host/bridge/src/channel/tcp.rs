@@ -133,11 +133,7 @@ impl Channel {
 
     /// Closes connections that have not signed in time.
     pub(super) fn close_untrusted(&mut self, now: Duration, bridge: &mut Bridge) {
-        let late = |peer: &Peer| !peer.is_trusted && now > peer.heard_at + SIGNED_WITHIN;
-        let late: Vec<PeerId> =
-            self.peers.iter().filter(|(_, peer)| late(peer)).map(|(id, _)| *id).collect();
-        for id in late {
-            self.remove(bridge, id, "it did not sign");
-        }
+        let is_late = |peer: &Peer| !peer.is_trusted && now > peer.heard_at + SIGNED_WITHIN;
+        self.remove_those(bridge, is_late, "it did not sign");
     }
 }

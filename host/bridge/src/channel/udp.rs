@@ -119,12 +119,7 @@ impl Channel {
         if !matches!(self.spec, Spec::UdpIn(_)) {
             return;
         }
-        let silent = |peer: &Peer| now > peer.heard_at + SILENT_FOR;
-        let gone: Vec<PeerId> =
-            self.peers.iter().filter(|(_, peer)| silent(peer)).map(|(id, _)| *id).collect();
-        for id in gone {
-            self.remove(bridge, id, "silent");
-        }
+        self.remove_those(bridge, |peer| now > peer.heard_at + SILENT_FOR, "silent");
     }
 }
 
