@@ -1,8 +1,9 @@
 //! A firmware file, as docs/update.md describes it.
 
-use std::fmt;
+use std::path::Path;
+use std::{fmt, fs};
 
-use anyhow::{Result, bail, ensure};
+use anyhow::{Context as _, Result, bail, ensure};
 use crc::{CRC_16_IBM_3740, Crc};
 
 /// Address of the header: major and minor hardware version, major and minor version of the program,
@@ -31,6 +32,20 @@ pub struct FirmwareFile {
 }
 
 impl FirmwareFile {
+    /// Reads a file and checks it.
+    ///
+    /// # Errors
+    /// If it cannot be read, or is not a firmware file.
+    pub fn read(path: &Path) -> Result<FirmwareFile> {
+        let shown = path.display();
+        let metadata = fs::metadata(path).with_context(|| format!("cannot read {shown}"))?;
+        // A limit far above any ELF, so that a wrong file is not read completely.
+        let may_be_one = metadata.is_file() && metadata.len() < 1 << 26;
+        ensure!(may_be_one, "{shown} is not a firmware file");
+        let bytes = fs::read(path).with_context(|| format!("cannot read {shown}"))?;
+        FirmwareFile::parse(bytes).with_context(|| shown.to_string())
+    }
+
     /// Checks the bytes of a file.
     ///
     /// # Errors
@@ -93,6 +108,11 @@ impl fmt::Display for FirmwareFile {
 #[cfg(test)]
 pub(crate) mod tests {
     use super::*;
+    use dronecan_host::NodeId;
+
+    pub fn id(id: u8) -> NodeId {
+        NodeId::new(id).unwrap()
+    }
 
     /// A file of this length for hardware 2.1, version 1.3.
     pub fn file_of(length: u16) -> FirmwareFile {

@@ -1,12 +1,8 @@
 //! Tests of the update of one node.
 
 use super::*;
-use crate::update::file::tests::{file_of, file_with_crc};
+use crate::update::file::tests::{file_of, file_with_crc, id};
 use dronecan_host::{CanId, TransferId};
-
-fn id(id: u8) -> NodeId {
-    NodeId::new(id).unwrap()
-}
 
 fn seconds(seconds: f32) -> Duration {
     Duration::from_secs_f32(seconds)
@@ -54,11 +50,27 @@ fn begin(session: &mut Session, number: u8, text: &[u8]) {
     assert_eq!(take(session, &service(40, false, response), 0.1), None);
 }
 
-/// A session whose BeginFirmwareUpdate was answered with this number.
-fn begun(file: &FirmwareFile, number: u8) -> Session {
+/// A session whose BeginFirmwareUpdate was answered with this number, and that was asked for these
+/// parts.
+fn begun(file: &FirmwareFile, number: u8, reads: &[u16]) -> Session {
     let mut session = session(file);
     begin(&mut session, number, b"");
+    for offset in reads {
+        read(&mut session, *offset);
+    }
     session
+}
+
+#[track_caller]
+fn updated(session: &mut Session, now: f32) {
+    let end = session.poll(seconds(now));
+    assert!(matches!(end, Some(Action::End(Outcome::Updated(_)))), "{end:?}");
+}
+
+#[track_caller]
+fn begins_again(session: &mut Session, now: f32) {
+    let next = session.poll(seconds(now));
+    assert!(matches!(next, Some(Action::Request(Message::BeginUpdate(_)))), "{next:?}");
 }
 
 #[track_caller]
@@ -85,9 +97,7 @@ fn a_rejection_is_reported_with_its_reason_or_with_what_to_do() {
 /// A program of another protocol, such as the thesis's, does not answer.
 #[test]
 fn a_node_that_is_silent_after_all_of_the_file_is_not_said_to_have_stopped_reading() {
-    let file = file_of(200);
-    let mut session = begun(&file, ERROR_OK);
-    read(&mut session, 0);
+    let mut session = begun(&file_of(200), ERROR_OK, &[0]);
     failed(&mut session, 50.0, "has read all of the file and is silent since");
 }
 
@@ -134,71 +144,51 @@ fn the_mode_the_version_and_the_crc_of_the_node_decide() {
         (&with_crc, ALL, Operational, (1, 3), Some(1), "runs another program of version 1.3"),
         (&with_crc, ALL, Operational, (1, 3), None, "runs another program of version 1.3"),
     ] {
-        let mut session = begun(file, ERROR_OK);
-        for offset in reads {
-            read(&mut session, *offset);
-        }
+        let mut session = begun(file, ERROR_OK, reads);
         for now in [3.0, 4.0] {
             take(&mut session, &status(mode), now);
         }
         tell(&mut session, 4.0, mode, software, crc);
-        if failure.is_empty() {
-            let end = session.poll(seconds(4.0));
-            assert!(matches!(end, Some(Action::End(Outcome::Updated(_)))), "{end:?}");
-        } else {
-            failed(&mut session, 4.0, failure);
+        match failure {
+            "" => updated(&mut session, 4.0),
+            failure => failed(&mut session, 4.0, failure),
         }
     }
 }
 
 #[test]
 fn one_status_of_a_waiting_bootloader_before_the_restart_is_no_failure() {
-    let file = file_with_crc(300, 0x1234);
-    let mut session = begun(&file, ERROR_OK);
-    for offset in [0, 256, 0] {
-        read(&mut session, offset);
-    }
+    let mut session = begun(&file_with_crc(300, 0x1234), ERROR_OK, &[0, 256, 0]);
     take(&mut session, &status(Mode::Maintenance), 2.1);
     assert_eq!(session.poll(seconds(2.1)), None);
     take(&mut session, &status(Mode::Operational), 2.5);
     tell(&mut session, 2.5, Mode::Operational, (1, 3), Some(0x1234));
-    assert!(matches!(session.poll(seconds(2.6)), Some(Action::End(Outcome::Updated(_)))));
+    updated(&mut session, 2.6);
 }
 
 /// The program before this one was stopped, and its node ID is taken over.
 #[test]
 fn an_update_that_was_broken_off_continues_and_the_node_s_crc_decides() {
     let file = file_with_crc(600, 0x1234);
-    for (crc, is_updated) in [(0x1234, true), (1, false)] {
-        let mut session = begun(&file, ERROR_IN_PROGRESS);
-        read(&mut session, 512);
+    for (crc, end) in [(0x1234, updated as fn(&mut Session, f32)), (1, begins_again)] {
+        let mut session = begun(&file, ERROR_IN_PROGRESS, &[512]);
         assert_eq!((session.sent(), session.stage()), (600, "restarting"));
         read(&mut session, 0);
         take(&mut session, &status(Mode::Operational), 3.0);
         tell(&mut session, 3.0, Mode::Operational, (1, 3), Some(crc));
-        let next = session.poll(seconds(3.1));
-        if is_updated {
-            assert!(matches!(next, Some(Action::End(Outcome::Updated(_)))), "{next:?}");
-        } else {
-            assert!(matches!(next, Some(Action::Request(Message::BeginUpdate(_)))), "{next:?}");
-        }
+        end(&mut session, 3.1);
     }
 }
 
 /// The parts of two files are no program: the bootloader waits, and the update begins again.
 #[test]
 fn a_continued_update_that_gives_no_program_begins_again() {
-    let file = file_with_crc(600, 0x1234);
-    let mut session = begun(&file, ERROR_IN_PROGRESS);
-    for offset in [512, 0] {
-        read(&mut session, offset);
-    }
+    let mut session = begun(&file_with_crc(600, 0x1234), ERROR_IN_PROGRESS, &[512, 0]);
     for now in [3.0, 4.0] {
         take(&mut session, &status(Mode::Maintenance), now);
     }
     tell(&mut session, 4.0, Mode::Maintenance, (0, 0), None);
-    let next = session.poll(seconds(4.1));
-    assert!(matches!(next, Some(Action::Request(Message::BeginUpdate(_)))), "{next:?}");
+    begins_again(&mut session, 4.1);
     assert_eq!(session.sent(), 0);
 }
 
@@ -212,7 +202,7 @@ fn a_node_that_reads_from_another_node_is_in_another_update_if_that_is_on_the_bu
     let mut heard = Heard::default();
     heard.note(id(126), seconds(0.5));
     for (now, is_there) in [(1.0, true), (3.0, false)] {
-        let mut session = begun(&file, ERROR_IN_PROGRESS);
+        let mut session = begun(&file, ERROR_IN_PROGRESS, &[]);
         assert_eq!(session.take(&request, seconds(now), &heard), None);
         if is_there {
             failed(&mut session, now, "another update is under way: node 126 sends a file");
@@ -225,9 +215,7 @@ fn a_node_that_reads_from_another_node_is_in_another_update_if_that_is_on_the_bu
 
 #[test]
 fn an_update_of_a_silent_node_fails_after_the_bootloader_s_timeout() {
-    let file = file_of(600);
-    let mut session = begun(&file, ERROR_IN_PROGRESS);
-    read(&mut session, 0);
+    let mut session = begun(&file_of(600), ERROR_IN_PROGRESS, &[0]);
     take(&mut session, &status(Mode::SoftwareUpdate), 10.0);
     assert_eq!(session.poll(seconds(54.0)), None);
     failed(&mut session, 56.0, "silent");
@@ -236,27 +224,19 @@ fn an_update_of_a_silent_node_fails_after_the_bootloader_s_timeout() {
 #[test]
 fn a_node_that_reads_the_same_part_for_ever_fails() {
     let file = file_of(600);
-    for parts in [1, 3] {
-        let mut session = begun(&file, ERROR_OK);
-        for part in 0..parts {
-            read(&mut session, part * 256);
-        }
-        if parts == 3 {
-            read(&mut session, 0);
-        }
+    for (reads, text) in [(&[0][..], "again and again"), (&[0, 256, 512, 0], "does not start it")] {
+        let mut session = begun(&file, ERROR_OK, reads);
         for second in 3..62 {
             read_at(&mut session, 0, second as f32);
             assert_eq!(session.poll(seconds(second as f32)), None);
         }
-        let text = if parts == 3 { "does not start it" } else { "again and again" };
         failed(&mut session, 62.1, text);
     }
 }
 
 #[test]
 fn requests_of_other_nodes_or_for_other_files_are_not_answered() {
-    let file = file_of(300);
-    let mut session = begun(&file, ERROR_OK);
+    let mut session = begun(&file_of(300), ERROR_OK, &[]);
     let request = [&[0; 5][..], b"other.bin"].concat();
     assert_eq!(take(&mut session, &service(48, true, request), 1.0), Some(vec![2, 0]));
     let mut other = service(48, true, [&[0; 5][..], b"fw.bin"].concat());
