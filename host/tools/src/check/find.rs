@@ -8,13 +8,13 @@ use dronecan_host::{Message, Mode, NodeInfo};
 use crate::check::board::{BANNER, Board, Plan};
 use crate::check::desk::{Desk, Output};
 use crate::check::report::Verdict::{Failed, Skipped};
+use crate::update::search::{NAME, is_of_this_project};
 
 /// Each node sends NodeStatus once a second; a bootloader that hears nothing waits for three.
 const LISTEN: Duration = Duration::from_secs(5);
 /// A board that the serial port has reset runs in this time, also behind a bootloader that waits
 /// for an upload first, and with a first start that makes the unique ID.
 const BOOT: Duration = Duration::from_secs(6);
-const NAME: &str = "org.dronecan.servo";
 /// This project's version.
 const VERSION: &str = env!("CARGO_PKG_VERSION");
 
@@ -66,13 +66,14 @@ pub async fn find(desk: &Desk, plan: &Plan) -> Option<Board> {
         silent(desk, plan, opened, has_errors);
         return None;
     };
-    let mode = if status.mode == Mode::Maintenance { "the bootloader waits" } else { "" };
     desk.check(
         "On the bus",
         format!("node {node} at {} bit/s, OPERATIONAL", plan.bit_rate),
-        match mode {
-            "" => status.to_string(),
-            mode => format!("{status}: {mode} for a program. \"make update\" sends one"),
+        match status.mode {
+            Mode::Maintenance => {
+                format!("{status}: the bootloader waits for a program. \"make update\" sends one")
+            }
+            _ => status.to_string(),
         },
         matches!(status.mode, Mode::Operational | Mode::Initialization),
     );
@@ -89,7 +90,7 @@ pub async fn find(desk: &Desk, plan: &Plan) -> Option<Board> {
         }
     };
     let expected: Vec<u8> = VERSION.split('.').filter_map(|part| part.parse().ok()).collect();
-    let is_ours = info.name().starts_with(NAME);
+    let is_ours = is_of_this_project(&info);
     desk.check(
         "Program",
         format!("{NAME}.. {}.{}", expected[0], expected[1]),

@@ -4,6 +4,7 @@ use std::rc::Rc;
 use std::time::Duration;
 
 use crate::update::file::FirmwareFile;
+use crate::update::search::TAKES_NO_UPDATES;
 use crate::update::session::{Outcome, Session as Update};
 
 use crate::check::board::{Board, Plan};
@@ -12,8 +13,6 @@ use crate::check::measure::quantile;
 
 /// Pages of the flash are erased and written in 3.7 to 4.5 ms each (DS40002061B 31.8).
 const PAGE_LIMIT_MS: f64 = 12.0;
-/// This bit of the major hardware version says that the node takes no updates (docs/update.md).
-const TAKES_NO_UPDATES: u8 = 0x80;
 
 /// Updates the node with the program that it has.
 pub async fn update(desk: &Desk, plan: &Plan, board: &Board) -> Result<(), String> {

@@ -102,12 +102,8 @@ impl Fleet {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::update::file::tests::file_of;
+    use crate::update::file::tests::{file_of, id};
     use dronecan_host::NodeInfo;
-
-    fn id(id: u8) -> NodeId {
-        NodeId::new(id).unwrap()
-    }
 
     #[test]
     fn four_nodes_are_updated_at_a_time_and_the_next_begins_when_one_ends() {

@@ -18,9 +18,9 @@ const LISTEN: Duration = Duration::from_millis(2500);
 /// sends a request each three seconds.
 const LISTEN_IF_SILENT: Duration = Duration::from_secs(5);
 /// This bit of the major hardware version says that the node takes no updates (docs/update.md).
-const TAKES_NO_UPDATES: u8 = 0x80;
+pub const TAKES_NO_UPDATES: u8 = 0x80;
 /// The names of this project's nodes begin with this. A bootloader has no name.
-const NAME: &str = "org.dronecan.servo";
+pub const NAME: &str = "org.dronecan.servo";
 
 /// The nodes to update.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -261,15 +261,11 @@ pub fn why_unsuitable(info: &NodeInfo, file: &FirmwareFile) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::update::file::tests::file_of;
+    use crate::update::file::tests::{file_of, id};
 
     fn node(name: &str, hardware: (u8, u8)) -> Seen {
         let info = NodeInfo { name: name.into(), hardware, ..NodeInfo::default() };
         Seen { info: Some(info), ..Seen::default() }
-    }
-
-    fn id(id: u8) -> NodeId {
-        NodeId::new(id).unwrap()
     }
 
     fn fleet() -> BTreeMap<u8, Seen> {

@@ -161,10 +161,7 @@ fn free_id(used: &Heard) -> Option<NodeId> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn id(id: u8) -> NodeId {
-        NodeId::new(id).unwrap()
-    }
+    use crate::update::file::tests::id;
 
     #[test]
     fn an_id_that_another_node_has_is_not_taken() {

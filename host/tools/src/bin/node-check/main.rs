@@ -54,7 +54,7 @@ fn run(args: &Args) -> Result<u8, Failure> {
             .context("cannot handle signals")
             .map_err(Failure::Usage)?;
     }
-    let files = args.firmware.iter().map(|path| read_file(path)).collect::<Result<_>>();
+    let files = args.firmware.iter().map(|path| FirmwareFile::read(path)).collect::<Result<_>>();
     let files = files.map_err(Failure::Usage)?;
     fs::create_dir_all(&args.report)
         .with_context(|| format!("cannot make {}", args.report.display()))
@@ -153,11 +153,6 @@ fn shown(row: &Row) -> String {
         _ => String::new(),
     };
     format!("{verdict:8}{what}: {seen}{expected}")
-}
-
-fn read_file(path: &Path) -> Result<FirmwareFile> {
-    let bytes = fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    FirmwareFile::parse(bytes).with_context(|| path.display().to_string())
 }
 
 /// What an earlier run has not put back.

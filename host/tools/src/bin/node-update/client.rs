@@ -7,7 +7,6 @@ use std::time::{Duration, Instant};
 use anyhow::{Error, Result, ensure};
 use dronecan_host::link::Bus;
 use dronecan_host::{Message, NodeId, Transfer};
-use node_tools::update::heard::Heard;
 use node_tools::update::tool::Tool;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
@@ -21,7 +20,7 @@ const TURN: Duration = Duration::from_millis(50);
 /// A [`Tool`] on a bus.
 pub struct Client {
     bus: Bus,
-    tool: Tool,
+    pub tool: Tool,
     start: Instant,
     interrupted: Arc<AtomicBool>,
 }
@@ -55,24 +54,6 @@ impl Client {
     /// True if a signal asked the program to end.
     pub fn is_interrupted(&self) -> bool {
         self.interrupted.load(Ordering::Relaxed)
-    }
-
-    /// The other nodes.
-    pub fn heard(&self) -> &Heard {
-        self.tool.heard()
-    }
-
-    /// True if another node sends with this program's ID.
-    pub fn has_conflict(&self) -> bool {
-        self.tool.has_conflict()
-    }
-
-    /// Takes a node ID; see [`Tool::take_id`].
-    ///
-    /// # Errors
-    /// If another node has the wanted ID, or all are in use.
-    pub fn take_id(&mut self, wanted: Option<NodeId>, left: Option<NodeId>) -> Result<NodeId> {
-        self.tool.take_id(wanted, left)
     }
 
     /// Sends a request.

@@ -33,8 +33,8 @@ pub fn find(
     while search.is_listening(client.now()) {
         receive(client, &mut search)?;
     }
-    let left = search.left_server(client.heard(), client.now());
-    let own_id = client.take_id(args.own_id, left).map_err(Failure::Usage)?;
+    let left = search.left_server(client.tool.heard(), client.now());
+    let own_id = client.tool.take_id(args.own_id, left).map_err(Failure::Usage)?;
     for _ in 0..ATTEMPTS {
         let asked = search.unknown();
         if asked.is_empty() {
@@ -48,7 +48,7 @@ pub fn find(
             receive(client, &mut search)?;
         }
     }
-    let chosen = search.choose(args.node, file, client.heard(), client.now());
+    let chosen = search.choose(args.node, file, client.tool.heard(), client.now());
     for other in chosen.others {
         println!("{}", visible(&other));
     }

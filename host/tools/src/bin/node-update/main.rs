@@ -10,12 +10,11 @@ mod find;
 mod progress;
 mod update;
 
-use std::path::Path;
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use anyhow::{Context as _, Error, ensure};
+use anyhow::{Context as _, Error};
 use clap::Parser as _;
 use dronecan_host::text::visible;
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
@@ -55,7 +54,7 @@ fn run(args: &Args) -> Result<(), Failure> {
             .context("cannot handle signals")
             .map_err(Failure::Other)?;
     }
-    let file = read_file(&args.file).map_err(Failure::Usage)?;
+    let file = FirmwareFile::read(&args.file).map_err(Failure::Usage)?;
     println!("{}", visible(&format!("{}: {file}", args.file.display())));
     if !args.last && !file.takes_updates() {
         return Err(Failure::Usage(Error::msg(
@@ -68,18 +67,4 @@ fn run(args: &Args) -> Result<(), Failure> {
         .and_then(|(own_id, nodes)| update::update(&mut client, args, file, own_id, nodes));
     client.close();
     result
-}
-
-/// Reads a file and checks it.
-fn read_file(path: &Path) -> anyhow::Result<FirmwareFile> {
-    let metadata =
-        std::fs::metadata(path).with_context(|| format!("cannot read {}", path.display()))?;
-    // A limit far above any ELF, so that a wrong file is not read completely.
-    ensure!(
-        metadata.is_file() && metadata.len() < 1 << 26,
-        "{} is not a firmware file",
-        path.display()
-    );
-    let bytes = std::fs::read(path).with_context(|| format!("cannot read {}", path.display()))?;
-    FirmwareFile::parse(bytes).with_context(|| path.display().to_string())
 }

@@ -41,7 +41,7 @@ pub fn update(
             tell_states(&display, &fleet, &shown);
             return Err(Failure::Interrupted);
         }
-        if client.has_conflict() {
+        if client.tool.has_conflict() {
             tell_states(&display, &fleet, &shown);
             return Err(Failure::Other(Error::msg(format!(
                 "another node sends with this program's node ID, {own_id}. Try again"
@@ -85,7 +85,7 @@ pub fn update(
 /// Receives for a moment, and does what is due. Returns the updates that have ended.
 fn turn(client: &mut Client, fleet: &mut Fleet) -> anyhow::Result<Vec<(NodeId, Outcome)>> {
     for transfer in client.receive()? {
-        if let Some(answer) = fleet.take(&transfer, client.now(), client.heard()) {
+        if let Some(answer) = fleet.take(&transfer, client.now(), client.tool.heard()) {
             client.answer(&transfer, &answer);
         }
     }
