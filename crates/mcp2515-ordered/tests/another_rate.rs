@@ -310,17 +310,10 @@ const SPARSE: [&[u64]; 3] = [&[1, 1], &[5, 2], &[1; 8]];
 #[test]
 fn a_node_of_another_rate_that_starts_or_is_plugged_in_disturbs_few_frames() {
     for pair in pairs() {
-        assert_quiet(&TRAFFIC, pair, 1, true, 0);
-        assert_quiet(&TRAFFIC, pair, 1, false, 0);
-    }
-}
-
-#[test]
-fn a_node_of_another_rate_on_a_sparse_bus_disturbs_few_frames() {
-    for pair in pairs() {
-        for traffic in SPARSE {
-            assert_quiet(traffic, pair, 1, true, 0);
-            assert_quiet(traffic, pair, 1, false, 0);
+        for traffic in [&TRAFFIC[..]].into_iter().chain(SPARSE) {
+            for is_plugged_in in [true, false] {
+                assert_quiet(traffic, pair, 1, is_plugged_in, 0);
+            }
         }
     }
 }
@@ -348,7 +341,7 @@ fn a_node_of_another_rate_beside_one_that_sends_once_a_second_disturbs_few_frame
 /// error-passive, so several such nodes then acknowledge each other.
 #[test]
 fn several_nodes_of_another_rate_on_a_bus_with_a_frame_a_second_disturb_few_frames() {
-    are_quiet_beside_a_frame_a_second(&[1, 2, 8]);
+    are_quiet_beside_a_frame_a_second(&[2, 8]);
 }
 
 #[test]
@@ -359,7 +352,7 @@ fn any_number_of_nodes_of_another_rate_on_a_bus_with_a_frame_a_second_disturbs_f
 
 fn are_quiet_beside_a_frame_a_second(numbers: &[usize]) {
     for (bus_rate, rate) in pairs() {
-        for &nodes in numbers.iter().filter(|&&nodes| nodes == 1 || bus_rate != 8 * rate) {
+        for &nodes in numbers.iter().filter(|_| bus_rate != 8 * rate) {
             for is_plugged_in in [true, false] {
                 assert_quiet(SPARSE[0], (bus_rate, rate), nodes, is_plugged_in, 0);
             }
@@ -464,17 +457,12 @@ fn search(bus_rate: u32, rate: u32, traffic: &[u64]) -> u64 {
     found_ms
 }
 
+/// On a sparse bus each rate but the right one costs a frame of the others, and a frame comes each
+/// half second.
 #[test]
-fn a_node_that_searches_finds_the_rate_of_a_bus_within_a_second() {
+fn a_node_that_searches_finds_the_rate_of_a_bus_within_a_second_and_of_a_sparse_one_in_six() {
     for (bus_rate, rate) in pairs() {
         assert!(search(bus_rate, rate, &TRAFFIC) <= 1000, "{rate} bit/s on {bus_rate}");
-    }
-}
-
-/// Each rate but the right one costs a frame of the others, and a frame comes each half second.
-#[test]
-fn a_node_that_searches_finds_the_rate_of_a_sparse_bus() {
-    for (bus_rate, rate) in pairs() {
         for traffic in SPARSE {
             assert!(search(bus_rate, rate, traffic) <= 6000, "{rate} bit/s on {bus_rate}");
         }

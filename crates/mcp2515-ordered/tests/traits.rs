@@ -4,7 +4,7 @@
 use std::cell::{RefCell, RefMut};
 use std::rc::Rc;
 
-use crate::wire::{CRYSTAL_HZ, Device, MS, Peripheral, US, World};
+use crate::wire::{CRYSTAL_HZ, Device, MS, US, World};
 use can_model::{Frame as BusFrame, Id as BusId, SoftNode};
 use embedded_can::{Error as _, ErrorKind, ExtendedId, Frame as _, Id, StandardId, blocking, nb};
 use mcp2515_ordered::{
@@ -201,21 +201,6 @@ fn on_a_shared_bus_a_frame_is_sent_in_two_halves_or_in_one() {
 }
 
 #[test]
-fn on_a_shared_bus_a_chip_that_was_reset_is_noticed_and_started_again() {
-    let rig = Rig::new();
-    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
-    start(&mut can);
-    {
-        let mut world = rig.world();
-        world.select();
-        world.exchange(&mut [0xC0]);
-        world.deselect();
-        world.run(MS);
-    }
-    assert_eq!(poll(&mut can, 50), [Event::Lost, Event::Running]);
-}
-
-#[test]
 fn in_listen_only_mode_the_chip_receives_and_neither_acknowledges_nor_sends() {
     let rig = Rig::new();
     let other = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
@@ -252,23 +237,6 @@ fn in_loopback_mode_the_chip_receives_its_own_frames_and_the_bus_gets_none() {
     }
     let (frames, _) = rig.world().take_traffic();
     assert!(frames.is_empty(), "{frames:?}");
-}
-
-/// The peer is unplugged, so that nobody acknowledges.
-#[test]
-fn a_one_shot_frame_is_tried_once_and_another_one_until_the_driver_gives_it_up() {
-    let attempts = |attempts| {
-        let rig = Rig::new();
-        let mut can = rig.shared(attempts).with_clock(rig.clock());
-        start_and_hear(&rig, &mut can);
-        rig.world().connect_peer(false);
-        let frame = AnyFrame::new(StandardId::ZERO, &[]).unwrap();
-        assert_eq!(blocking::Can::transmit(&mut can, &frame), Ok(()));
-        poll(&mut can, 20);
-        rig.world().take_traffic().1
-    };
-    assert_eq!(attempts(Attempts::Once), 1);
-    assert!(attempts(Attempts::UntilSent) >= 16);
 }
 
 #[test]
