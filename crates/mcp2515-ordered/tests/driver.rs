@@ -1,6 +1,6 @@
 //! Tests the driver with the simulator's model of the chip, on a simulated bus.
 
-use std::cell::RefCell;
+use std::cell::{RefCell, RefMut};
 use std::rc::Rc;
 
 use crate::wire::{CRYSTAL_HZ, MS, World};
@@ -80,18 +80,22 @@ impl Rig {
         assert_eq!(rig.take_events(), [Event::Running]);
         rig.peer_sends(Frame::extended(acceptance.id, &[]));
         rig.run_ms(20);
-        assert_eq!((rig.take_traffic().1, rig.received.len()), (0, 1));
+        assert_eq!((rig.world().take_traffic().1, rig.received.len()), (0, 1));
         rig.received.clear();
         rig
     }
 
+    fn world(&self) -> RefMut<'_, World> {
+        self.wire.0.borrow_mut()
+    }
+
     fn now_ms(&self) -> u16 {
-        (self.wire.0.borrow().now / MS) as u16
+        (self.world().now / MS) as u16
     }
 
     /// Runs the bus without calls of the driver.
     fn idle_us(&mut self, us: u64) {
-        self.wire.0.borrow_mut().run(us * MS / 1000);
+        self.world().run(us * MS / 1000);
     }
 
     fn idle_ms(&mut self, ms: u64) {
@@ -132,8 +136,8 @@ impl Rig {
     }
 
     fn run_ms(&mut self, ms: u64) {
-        let end = self.wire.0.borrow().now + ms * MS;
-        while self.wire.0.borrow().now < end {
+        let end = self.world().now + ms * MS;
+        while self.world().now < end {
             self.turn();
             self.idle_us(50);
         }
@@ -145,11 +149,6 @@ impl Rig {
 
     fn take_events(&mut self) -> Vec<Event> {
         self.notices.drain(..).map(|notice| notice.event).collect()
-    }
-
-    /// Returns the complete frames of the chip and the number of error frames since the last call.
-    fn take_traffic(&mut self) -> (Vec<Frame>, usize) {
-        self.wire.0.borrow_mut().take_traffic()
     }
 
     fn counter(&self, counter: Counter) -> u32 {
@@ -175,12 +174,8 @@ impl Rig {
         ]);
     }
 
-    fn take_cost(&mut self) -> (u32, u32) {
-        self.wire.0.borrow_mut().take_cost()
-    }
-
     fn register(&self, address: u8) -> u8 {
-        self.wire.0.borrow().chip.borrow().register(address)
+        self.world().chip.borrow().register(address)
     }
 
     /// Does one SPI instruction without the driver.
@@ -190,14 +185,6 @@ impl Rig {
         _ = self.wire.transfer_in_place(&mut bytes);
         _ = self.wire.set_high();
         *bytes.last().unwrap()
-    }
-
-    fn connect_peer(&mut self, is_connected: bool) {
-        self.wire.0.borrow_mut().connect_peer(is_connected);
-    }
-
-    fn inject(&mut self, fault: Fault) {
-        self.wire.0.borrow_mut().bus.inject(fault);
     }
 }
 
@@ -220,7 +207,7 @@ fn frames_that_arrive_as_soon_as_the_chip_is_on_the_bus_are_not_lost() {
     }
     let numbers: Vec<u8> = rig.received.iter().map(|frame| frame.data[0]).collect();
     assert_eq!(numbers, (0..40).collect::<Vec<u8>>());
-    assert_eq!(rig.wire.0.borrow().chip.borrow().rx_overflows(), 0);
+    assert_eq!(rig.world().chip.borrow().rx_overflows(), 0);
 }
 
 #[test]
@@ -235,13 +222,13 @@ fn frames_pass_both_ways_at_each_bit_rate_with_the_latest_sample_point() {
         rig.run_ms(20);
         assert_eq!(rig.take_events(), [Event::Running], "rate {rate}");
         assert_eq!([rig.register(CNF1), rig.register(CNF2), rig.register(CNF3)], registers);
-        assert_eq!(rig.wire.0.borrow().chip.borrow().sample_point_permille(), permille);
+        assert_eq!(rig.world().chip.borrow().sample_point_permille(), permille);
         rig.peer_sends(Frame::extended(0x1234_5678, &[1, 2, 3]));
         assert!(rig.transmit(&frame(0x0FED_CBA9, &[4, 5])));
         rig.run_ms(5);
         let [received] = rig.received[..] else { panic!("{:?}", rig.received) };
         assert_eq!((received.id, received.data()), ([0x12, 0x34, 0x56, 0x78], &[1, 2, 3][..]));
-        assert_eq!(rig.take_traffic(), (vec![Frame::extended(0x0FED_CBA9, &[4, 5])], 0));
+        assert_eq!(rig.world().take_traffic(), (vec![Frame::extended(0x0FED_CBA9, &[4, 5])], 0));
     }
 }
 
@@ -256,7 +243,7 @@ fn every_identifier_and_length_is_transferred_unchanged() {
         rig.run_ms(1);
         let received = rig.received.pop().unwrap();
         assert_eq!((received.id, received.data()), (id.to_be_bytes(), data));
-        assert_eq!(rig.take_traffic().0, [Frame::extended(id ^ 0x1FFF_FFFF, data)]);
+        assert_eq!(rig.world().take_traffic().0, [Frame::extended(id ^ 0x1FFF_FFFF, data)]);
     }
     rig.assert_counts(&[(RxReceived, 1 + 29), (TxRequests, 29)]);
 }
@@ -279,9 +266,9 @@ fn a_frame_costs_two_chip_selects_and_8_bytes_besides_its_data() {
     for len in 0..=8 {
         rig.peer_sends(Frame::extended(0x1003_F20A, &[0x55; 8][..len]));
         rig.idle_ms(1);
-        rig.take_cost();
+        rig.world().take_cost();
         assert!(rig.driver.has_frame() && rig.receive().is_some() && !rig.driver.has_frame());
-        assert_eq!(rig.take_cost(), (2, 8 + len as u32));
+        assert_eq!(rig.world().take_cost(), (2, 8 + len as u32));
     }
 }
 
@@ -294,7 +281,7 @@ fn frames_back_to_back_stay_in_order_at_no_more_than_two_chip_selects_each() {
         for n in 0..60 {
             rig.peer_sends(Frame::extended(0x1003_F20A, &[n; 8]));
         }
-        rig.take_cost();
+        rig.world().take_cost();
         while rig.peer.borrow().queued() > 0 || rig.driver.has_frame() {
             if rig.driver.has_frame() {
                 let received = rig.receive().unwrap();
@@ -308,7 +295,7 @@ fn frames_back_to_back_stay_in_order_at_no_more_than_two_chip_selects_each() {
             service_us > 105 || numbers.len() == 60,
             "served after {service_us} us: {numbers:?}"
         );
-        let (selects, _) = rig.take_cost();
+        let (selects, _) = rig.world().take_cost();
         assert!(
             selects <= 2 * numbers.len() as u32,
             "served after {service_us} us: {selects} chip selects"
@@ -327,7 +314,7 @@ fn a_long_transfer_is_sent_in_order_with_at_most_one_gap_in_twelve_frames() {
         rig.idle_us(15);
     }
     rig.idle_ms(1);
-    let records = rig.wire.0.borrow_mut().bus.take_records();
+    let records = rig.world().bus.take_records();
     let numbers: Vec<u8> = records
         .iter()
         .filter_map(|record| match record.kind {
@@ -346,18 +333,18 @@ fn a_long_transfer_is_sent_in_order_with_at_most_one_gap_in_twelve_frames() {
 #[test]
 fn in_one_shot_mode_a_frame_without_acknowledgement_is_sent_once_and_blocks_nothing() {
     let mut rig = Rig::running(EVERYTHING, Attempts::Once);
-    rig.connect_peer(false);
+    rig.world().connect_peer(false);
     for n in 0..10 {
         assert!(rig.transmit(&frame(0x1E97_4D00, &[n])), "frame {n}");
         rig.run_ms(250);
-        assert_eq!(rig.take_traffic(), (vec![], 1), "one attempt");
+        assert_eq!(rig.world().take_traffic(), (vec![], 1), "one attempt");
         assert!(rig.driver.state(0).is_empty);
     }
-    rig.connect_peer(true);
+    rig.world().connect_peer(true);
     rig.run_ms(5);
     assert!(rig.transmit(&frame(0x1E97_4D00, &[10])));
     rig.run_ms(5);
-    assert_eq!(rig.take_traffic().0, [Frame::extended(0x1E97_4D00, &[10])]);
+    assert_eq!(rig.world().take_traffic().0, [Frame::extended(0x1E97_4D00, &[10])]);
     assert!(!rig.take_events().contains(&Event::GaveUpSending));
     rig.assert_sent(11, 0, 0);
 }
@@ -366,10 +353,10 @@ fn in_one_shot_mode_a_frame_without_acknowledgement_is_sent_once_and_blocks_noth
 fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_again() {
     let mut rig = Rig::running(EVERYTHING, Attempts::Once);
     for bit in [1, 20, 40, 50, 60] {
-        rig.inject(Fault::FlipBit { bit });
+        rig.world().bus.inject(Fault::FlipBit { bit });
         assert!(rig.transmit(&frame(0x1E97_4D00, &[1, 2])));
         rig.run_ms(30);
-        assert_eq!(rig.take_traffic(), (vec![], 1), "bit {bit}");
+        assert_eq!(rig.world().take_traffic(), (vec![], 1), "bit {bit}");
     }
     // The second frame of the peer and the frame of the chip both begin after the frame that is on
     // the bus.
@@ -378,7 +365,7 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
     rig.idle_us(50);
     assert!(rig.transmit(&frame(0x1E97_4D00, &[1, 2])));
     rig.run_ms(30);
-    assert_eq!(rig.take_traffic(), (vec![], 0));
+    assert_eq!(rig.world().take_traffic(), (vec![], 0));
 }
 
 /// They may begin to wait at any time between two supervisions.
@@ -386,14 +373,14 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
 fn frames_are_given_up_when_they_have_waited_for_1050_ms_and_not_before() {
     for begin_ms in 0..12 {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-        rig.connect_peer(false);
+        rig.world().connect_peer(false);
         rig.run_ms(20 + begin_ms);
-        let begin = rig.wire.0.borrow().now;
+        let begin = rig.world().now;
         assert!(rig.transmit(&frame(0x1801_552A, &[1])));
         while !rig.take_events().contains(&Event::GaveUpSending) {
             rig.run_ms(1);
         }
-        let waited_ms = (rig.wire.0.borrow().now - begin) / MS;
+        let waited_ms = (rig.world().now - begin) / MS;
         assert!((1050..1100).contains(&waited_ms), "{waited_ms} ms, from {begin_ms} ms");
     }
 }
@@ -403,13 +390,13 @@ fn frames_are_given_up_when_they_have_waited_for_1050_ms_and_not_before() {
 #[test]
 fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-    rig.inject(Fault::FlipBit { bit: 40 });
+    rig.world().bus.inject(Fault::FlipBit { bit: 40 });
     assert!(rig.transmit(&frame(0x1E97_4D2A, &[1, 2])));
     rig.run_ms(30);
-    assert_eq!(rig.take_traffic(), (vec![Frame::extended(0x1E97_4D2A, &[1, 2])], 1));
+    assert_eq!(rig.world().take_traffic(), (vec![Frame::extended(0x1E97_4D2A, &[1, 2])], 1));
     rig.assert_sent(1, 1, 0);
 
-    rig.connect_peer(false);
+    rig.world().connect_peer(false);
     for n in 0..3 {
         assert!(rig.transmit(&frame(0x1801_552A, &[n])));
     }
@@ -418,7 +405,7 @@ fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped
     assert!(!rig.transmit(&frame(0x1801_552A, &[3])), "no room");
     rig.run_ms(100);
     assert!(rig.take_events().contains(&Event::GaveUpSending));
-    rig.connect_peer(true);
+    rig.world().connect_peer(true);
     rig.run_ms(50);
     rig.assert_sent(4, 1, 3);
     let mut waited_ms = 0;
@@ -428,7 +415,7 @@ fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped
         assert!(waited_ms <= 1050, "a try in each 1050 ms");
     }
     rig.run_ms(50);
-    assert_eq!(rig.take_traffic().0.last(), Some(&Frame::extended(0x1801_552A, &[4])));
+    assert_eq!(rig.world().take_traffic().0.last(), Some(&Frame::extended(0x1801_552A, &[4])));
     rig.assert_sent(5, 2, 3);
     assert!(rig.transmit(&frame(0x1801_552A, &[5])), "at any time");
 }
@@ -473,9 +460,9 @@ fn a_chip_that_does_not_answer_is_restarted_ten_times_a_second() {
     rig.peer.borrow_mut().set_listen_only(true);
     assert!(rig.transmit(&frame(0x1003_F20A, &[1])));
     rig.run_ms(3);
-    rig.wire.0.borrow_mut().miso_stuck = Some(0xFF);
-    rig.wire.0.borrow_mut().int_stuck = Some(false);
-    rig.wire.0.borrow_mut().violations_expected = true;
+    rig.world().miso_stuck = Some(0xFF);
+    rig.world().int_stuck = Some(false);
+    rig.world().violations_expected = true;
     rig.run_ms(50);
     rig.notices.clear();
     rig.run_ms(1000);
@@ -488,7 +475,7 @@ fn a_chip_that_does_not_answer_is_restarted_ten_times_a_second() {
 fn an_interrupt_pin_that_does_not_follow_the_chip_is_detected_within_20_ms() {
     for level in [false, true] {
         let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-        rig.wire.0.borrow_mut().int_stuck = Some(level);
+        rig.world().int_stuck = Some(level);
         // With INT high the driver does not find the frame.
         rig.peer_sends(Frame::extended(0x1003_F20A, &[1, 2, 3]));
         rig.run_ms(20);
@@ -500,7 +487,7 @@ fn an_interrupt_pin_that_does_not_follow_the_chip_is_detected_within_20_ms() {
         }
         assert_eq!(rig.received.len(), 101, "{level}");
         assert_eq!(rig.take_events(), [], "{level}");
-        rig.wire.0.borrow_mut().int_stuck = None;
+        rig.world().int_stuck = None;
         rig.run_ms(3000);
         rig.peer_sends(Frame::extended(0x1003_F20A, &[4]));
         rig.run_ms(2);
@@ -513,7 +500,7 @@ fn a_register_that_reads_back_wrong_is_reported_and_the_chip_stays_off_the_bus()
     // RXF0SIDH, RXF5EID0, RXM1SIDL, the bit timing and the enabled interrupts.
     for register in [0x00, 0x1B, 0x25, CNF3, CNF2, CNF1, CANINTE] {
         let mut rig = Rig::at_rate(8, EVERYTHING, Attempts::UntilSent);
-        rig.wire.0.borrow_mut().corrupted = Some(register);
+        rig.world().corrupted = Some(register);
         rig.run_ms(20);
         let [Notice { event: Event::NotKeeping, value }] = rig.notices[..] else {
             panic!("{:?}", rig.notices)
@@ -535,7 +522,8 @@ fn without_a_configuration_the_driver_does_not_access_the_chip() {
     let now_ms = rig.now_ms();
     rig.driver.reconfigure(now_ms, |configuration| configuration.attempts = Attempts::Once);
     rig.run_ms(300);
-    assert_eq!((rig.take_cost(), rig.take_events()), ((0, 0), vec![]));
+    assert_eq!(rig.world().take_cost(), (0, 0));
+    assert_eq!(rig.take_events(), []);
     let (timing, acceptance) = (BitTiming::new(CRYSTAL_HZ, 1_000_000), EVERYTHING);
     rig.driver.configure(Configuration { timing, acceptance, attempts: Attempts::UntilSent });
     rig.run_ms(20);
@@ -575,14 +563,14 @@ fn flags_that_end_while_the_driver_listens_are_reported_after_it() {
     let mut rig = Rig::at_rate(8, EVERYTHING, Attempts::UntilSent);
     rig.run_ms(20);
     for misread in [(EFLG, 0x10), (REC, 1)] {
-        rig.wire.0.borrow_mut().misread = Some(misread);
+        rig.world().misread = Some(misread);
         let before = rig.notices.len();
         while rig.notices.len() == before {
             rig.turn();
             rig.idle_us(50);
         }
     }
-    rig.wire.0.borrow_mut().misread = None;
+    rig.world().misread = None;
     for _ in 0..2 {
         rig.peer_sends(Frame::extended(0x1003_F20A, &[]));
         rig.run_ms(20);
@@ -601,7 +589,7 @@ fn receive_errors_are_counted_as_rec_increases() {
     // Destroyed frames of the peer, without good frames in between, which would decrease REC.
     for _ in 0..5 {
         let rec = rig.register(REC);
-        rig.inject(Fault::FlipBit { bit: 40 });
+        rig.world().bus.inject(Fault::FlipBit { bit: 40 });
         rig.peer_sends(Frame::extended(0x1003_F20A, &[0x55; 8]));
         rig.idle_us(100);
         rig.peer.borrow_mut().clear_queue();
@@ -619,18 +607,18 @@ fn a_long_bus_off_is_counted_once() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
     // The chip sees another bit than it sends, until it is bus-off. Then the bus is stuck dominant,
     // so that the chip cannot recover.
-    let chip_port = rig.wire.0.borrow().chip_port;
-    rig.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
+    let chip_port = rig.world().chip_port;
+    rig.world().bus.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
     assert!(rig.transmit(&frame(0x1801_552A, &[0; 8])));
     while rig.register(EFLG) & 0x20 == 0 {
-        while rig.take_traffic().1 == 0 {
+        while rig.world().take_traffic().1 == 0 {
             rig.idle_us(1);
         }
         if rig.register(EFLG) & 0x20 == 0 {
-            rig.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
+            rig.world().bus.inject(Fault::FlipBitSeenBy { port: chip_port, bit: 45 });
         }
     }
-    rig.inject(Fault::StuckDominant(true));
+    rig.world().bus.inject(Fault::StuckDominant(true));
     rig.run_ms(300);
     let bus_offs = rig
         .notices
@@ -638,10 +626,10 @@ fn a_long_bus_off_is_counted_once() {
         .filter(|notice| notice.event == Event::Flags && ErrorFlags(notice.value).bus_off());
     assert_eq!(bus_offs.count(), 1, "{:?}", rig.notices);
     rig.assert_counts(&[(BusOffs, 1)]);
-    rig.inject(Fault::StuckDominant(false));
+    rig.world().bus.inject(Fault::StuckDominant(false));
     rig.run_ms(50);
     rig.assert_counts(&[(BusOffs, 1)]);
-    assert_eq!(rig.take_traffic().0, [Frame::extended(0x1801_552A, &[0; 8])]);
+    assert_eq!(rig.world().take_traffic().0, [Frame::extended(0x1801_552A, &[0; 8])]);
 }
 
 #[test]
