@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use crate::opcode::{Immediate, Mode, One, Op, Pointer, Product, Two};
+use crate::opcode::{Mode, Op, Pointer};
 
 /// An instruction with its address, on which the text of a relative jump depends.
 pub struct Text(pub Op, pub u32);
@@ -12,29 +12,21 @@ impl fmt::Display for Text {
         let offset = |target: u32| i64::from(target) - i64::from(self.1) - 2;
         match self.0 {
             Op::Movw(d, r) => write!(f, "movw r{d}, r{r}"),
-            Op::Two(what, d, r) => write!(f, "{} r{d}, r{r}", two(what)),
+            Op::Two(what, d, r) => write!(f, "{} r{d}, r{r}", mnemonic(what)),
             Op::Cpse(d, r) => write!(f, "cpse r{d}, r{r}"),
-            Op::Product(what, d, r) => write!(f, "{} r{d}, r{r}", product(what)),
-            Op::Immediate(what, d, k) => write!(f, "{} r{d}, 0x{k:02X}", immediate(what)),
-            Op::One(what, d) => write!(f, "{} r{d}", one(what)),
+            Op::Product(what, d, r) => write!(f, "{} r{d}, r{r}", mnemonic(what)),
+            Op::Immediate(what, d, k) => write!(f, "{} r{d}, 0x{k:02X}", mnemonic(what)),
+            Op::One(what, d) => write!(f, "{} r{d}", mnemonic(what)),
             Op::Adiw(d, k) => write!(f, "adiw r{d}, 0x{k:02x}"),
             Op::Sbiw(d, k) => write!(f, "sbiw r{d}, 0x{k:02x}"),
-            Op::Load(d, pointer, mode) => {
-                write!(
-                    f,
-                    "{} r{d}, {}",
-                    if is_displaced(mode) { "ldd" } else { "ld" },
-                    At(pointer, mode)
-                )
+            Op::Load(d, pointer, mode @ Mode::Displaced(1..)) => {
+                write!(f, "ldd r{d}, {}", At(pointer, mode))
             }
-            Op::Store(r, pointer, mode) => {
-                write!(
-                    f,
-                    "{} {}, r{r}",
-                    if is_displaced(mode) { "std" } else { "st" },
-                    At(pointer, mode)
-                )
+            Op::Load(d, pointer, mode) => write!(f, "ld r{d}, {}", At(pointer, mode)),
+            Op::Store(r, pointer, mode @ Mode::Displaced(1..)) => {
+                write!(f, "std {}, r{r}", At(pointer, mode))
             }
+            Op::Store(r, pointer, mode) => write!(f, "st {}, r{r}", At(pointer, mode)),
             Op::Lds(d, k) => write!(f, "lds r{d}, 0x{k:04X}"),
             Op::Sts(k, r) => write!(f, "sts 0x{k:04X}, r{r}"),
             Op::Lpm(d, increments) => write!(f, "lpm r{d}, Z{}", if increments { "+" } else { "" }),
@@ -58,18 +50,8 @@ impl fmt::Display for Text {
             Op::Rcall(to) => write!(f, "rcall .{:+}", offset(to)),
             Op::Jmp(to) => write!(f, "jmp 0x{to:x}"),
             Op::Call(to) => write!(f, "call 0x{to:x}"),
-            simple => f.write_str(match simple {
-                Op::LpmR0 => "lpm",
-                Op::Spm => "spm",
-                Op::Ijmp => "ijmp",
-                Op::Icall => "icall",
-                Op::Ret => "ret",
-                Op::Reti => "reti",
-                Op::Sleep => "sleep",
-                Op::Break => "break",
-                Op::Wdr => "wdr",
-                _ => "nop",
-            }),
+            Op::LpmR0 => f.write_str("lpm"),
+            simple => f.write_str(&mnemonic(simple)),
         }
     }
 }
@@ -81,8 +63,9 @@ const IF_SET: [&str; 8] = ["brcs", "breq", "brmi", "brvs", "brlt", "brhs", "brts
 /// The branches if a flag is 0.
 const IF_CLEAR: [&str; 8] = ["brcc", "brne", "brpl", "brvc", "brge", "brhc", "brtc", "brid"];
 
-fn is_displaced(mode: Mode) -> bool {
-    matches!(mode, Mode::Displaced(1..))
+/// The mnemonic of an operation, which is its name.
+fn mnemonic(what: impl fmt::Debug) -> String {
+    format!("{what:?}").to_lowercase()
 }
 
 /// The operand of a load or store.
@@ -97,55 +80,5 @@ impl fmt::Display for At {
             Mode::PostIncrement => write!(f, "{pointer:?}+"),
             Mode::PreDecrement => write!(f, "-{pointer:?}"),
         }
-    }
-}
-
-fn two(what: Two) -> &'static str {
-    match what {
-        Two::Cpc => "cpc",
-        Two::Sbc => "sbc",
-        Two::Add => "add",
-        Two::Cp => "cp",
-        Two::Sub => "sub",
-        Two::Adc => "adc",
-        Two::And => "and",
-        Two::Eor => "eor",
-        Two::Or => "or",
-        Two::Mov => "mov",
-    }
-}
-
-fn product(what: Product) -> &'static str {
-    match what {
-        Product::Mul => "mul",
-        Product::Muls => "muls",
-        Product::Mulsu => "mulsu",
-        Product::Fmul => "fmul",
-        Product::Fmuls => "fmuls",
-        Product::Fmulsu => "fmulsu",
-    }
-}
-
-fn immediate(what: Immediate) -> &'static str {
-    match what {
-        Immediate::Cpi => "cpi",
-        Immediate::Sbci => "sbci",
-        Immediate::Subi => "subi",
-        Immediate::Ori => "ori",
-        Immediate::Andi => "andi",
-        Immediate::Ldi => "ldi",
-    }
-}
-
-fn one(what: One) -> &'static str {
-    match what {
-        One::Com => "com",
-        One::Neg => "neg",
-        One::Swap => "swap",
-        One::Inc => "inc",
-        One::Asr => "asr",
-        One::Lsr => "lsr",
-        One::Ror => "ror",
-        One::Dec => "dec",
     }
 }
