@@ -53,13 +53,8 @@ fn copy(state: &mut State, d: u8, r: u8) {
 
 /// The flags Z, N and S of a result, and C, V where they are known already.
 fn result(state: &mut State, bytes: Vec<Value>) {
-    let is_zero = if bytes.iter().all(|byte| byte.hi == 0) {
-        Some(true)
-    } else if bytes.iter().any(|byte| byte.lo > 0) {
-        Some(false)
-    } else {
-        None
-    };
+    let is_zero =
+        known(bytes.iter().all(|byte| byte.hi == 0), bytes.iter().any(|byte| byte.lo > 0));
     let top = bytes.last().copied().unwrap_or(Value::ANY);
     let is_negative = sign(top);
     state.flags.set(FLAG_Z, is_zero);
@@ -71,11 +66,12 @@ fn result(state: &mut State, bytes: Vec<Value>) {
 }
 
 fn sign(value: Value) -> Option<bool> {
-    match (value.lo >= 0x80, value.hi >= 0x80) {
-        (true, _) => Some(true),
-        (_, false) => Some(false),
-        _ => None,
-    }
+    known(value.lo >= 0x80, value.hi < 0x80)
+}
+
+/// True or false, if one of them is certain.
+fn known(is_true: bool, is_false: bool) -> Option<bool> {
+    (is_true || is_false).then_some(is_true)
 }
 
 /// The flags of `old - k`, which was stored as `new`.
@@ -92,13 +88,7 @@ fn difference(state: &mut State, new: Vec<Value>, old: Vec<Value>, k: Vec<u8>) {
 
 /// True if a number is less than another, if their ranges say so.
 fn borrow(lo: u32, hi: u32, other_lo: u32, other_hi: u32) -> Option<bool> {
-    if hi < other_lo {
-        Some(true)
-    } else if lo >= other_hi {
-        Some(false)
-    } else {
-        None
-    }
+    known(hi < other_lo, lo >= other_hi)
 }
 
 /// The flags of a comparison of two numbers, lowest byte first.
@@ -121,14 +111,8 @@ fn compare(state: &mut State, bytes: Vec<(Value, Value)>) {
             })
     };
     let all_equal = bytes.iter().all(are_equal);
-    let zero = if all_equal {
-        Some(true)
-    } else if bytes.iter().any(differ) || are_distinct_pairs(&bytes) {
-        Some(false)
-    } else {
-        None
-    };
-    state.flags.set(FLAG_Z, zero);
+    let are_distinct = bytes.iter().any(differ) || are_distinct_pairs(&bytes);
+    state.flags.set(FLAG_Z, known(all_equal, are_distinct));
     let carry = if all_equal { Some(false) } else { borrow(lo, hi, other_lo, other_hi) };
     state.flags.set(FLAG_C, carry);
     state.flags.set(FLAG_S, if all_equal { Some(false) } else { less_signed(&left, &right) });

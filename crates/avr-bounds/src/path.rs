@@ -14,7 +14,7 @@ use crate::summary::{Kind, Summary};
 use crate::value::{ENTRY_PAIRS, Half, Value, pair};
 
 /// The times of a function.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Time {
     /// At the end: the state and the clocks. `None` if the function does not return.
     pub exit: Option<(State, Clocks)>,

@@ -161,7 +161,7 @@ impl<'a> Analysis<'a> {
             straight: Vec::new(),
             states: BTreeMap::from([(entry.address, (state, 0))]),
             pending: BTreeSet::from([entry.address]),
-            summary: Summary::new(),
+            summary: Summary::default(),
             has_new_leader: false,
         };
         let mut steps = 0;

@@ -52,7 +52,7 @@ impl Entry {
 }
 
 /// A depth of the stack in bytes, and the call that leads to it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct Depth {
     /// Bytes since the entry of the function, with all that it calls.
     pub bytes: u32,
@@ -63,7 +63,7 @@ pub struct Depth {
 }
 
 /// What is known of a function.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Summary {
     /// The deepest stack.
     pub depth: Depth,
@@ -119,27 +119,6 @@ pub struct Exit {
 }
 
 impl Summary {
-    pub(crate) fn new() -> Self {
-        Self {
-            depth: Depth { bytes: 0, own: 0, callee: None },
-            enabled: None,
-            exit: None,
-            sets: [0; ENABLE_REGISTERS.len()],
-            base: None,
-            restarts: false,
-            restarts_enabled: false,
-            before_base: 0,
-            enabled_at: None,
-            writes_spdr: false,
-            stores: false,
-            above: BTreeSet::new(),
-            edges: BTreeSet::new(),
-            states: BTreeMap::new(),
-            calls: BTreeMap::new(),
-            reads: 0,
-        }
-    }
-
     /// Counts the stack before an instruction.
     pub(crate) fn visit(&mut self, state: &State, at: u32) {
         if state.base.is_none() {
