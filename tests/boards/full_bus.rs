@@ -120,7 +120,11 @@ fn frames_leave_the_controller_in_time_and_in_order() {
 /// one, in microseconds. With several outputs the frames leave too little time to follow each
 /// command of a full bus, so the output whose pulse comes next is first (docs/decisions.md).
 fn latest_us(setup: Setup) -> u64 {
-    if setup.outputs() == 1 { 2000 } else { 4000 }
+    match setup {
+        setup if setup.outputs() > 1 => 4000,
+        setup if setup.is_v0() => 2000,
+        _ => 500,
+    }
 }
 
 #[test]
