@@ -156,6 +156,7 @@ pub const FLIPPING: Case = Case {
             trial.rig.pulses
         );
         trial.end_unchecked(|rig| rig.board().set_spi_noise(0, 0));
+        assert_eq!(trial.rig.board().avr().resets().len(), 1, "only the power-on");
         // The next command corrects a pulse that comes from a misread command.
         trial.live(60);
         trial.rig.pulses.clear();

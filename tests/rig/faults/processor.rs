@@ -82,6 +82,11 @@ pub const HANG: Case = Case {
         trial.rig.pulses.clear();
         trial.live(50);
         trial.end(|_| {});
+        assert_eq!(
+            trial.rig.board().avr().resets().len(),
+            1,
+            "it must restart without a reset of the chip, which would start the bootloader"
+        );
         trial.recover(LIMIT_MS, WATCHDOG)
     },
     ..CASE
