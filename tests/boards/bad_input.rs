@@ -16,24 +16,58 @@ fn assert_rejects(mut rig: Rig, frames: usize, line: &str) {
     assert_eq!(rig.settled_pulse_us(), 1000.0);
 }
 
+/// Frames, the number of lines that tell so, and the line.
 #[test]
-fn truncated_and_oversized_commands_are_rejected() {
-    let mut rig = Rig::positioned();
-    let lengths = [1, 2, 3, 5, 6, 7];
-    for len in lengths {
-        let mut data = vec![1, 0, 0, 0, 0, 0, 0][..len].to_vec();
-        data.push(0xC0);
-        rig.send(ARRAY_COMMAND | 10, &data);
-        rig.run_ms(10);
+fn invalid_frames_are_rejected() {
+    let command = Id::Extended(ARRAY_COMMAND | 10);
+    let all = |id: u32, data: &[&[u8]]| -> Vec<Frame> {
+        data.iter().map(|data| Frame::extended(id, data)).collect()
+    };
+    let of_lengths = [1, 2, 3, 5, 6, 7].map(|len| {
+        let mut data = [1, 0, 0, 0, 0, 0, 0, 0];
+        data[len] = 0xC0;
+        Frame::extended(ARRAY_COMMAND | 10, &data[..=len])
+    });
+    // A DLC above 8 means 8 bytes.
+    let long = (9..=15).map(|dlc| Frame::with_dlc(command, dlc, [1, 0, 0, 0, 0, 0, 0, 0xC0]));
+    // long_commands.rs tests complete transfers of several frames. Only the last of these can
+    // belong to no transfer at all: it is a start of transfer with the toggle bit set.
+    let pieces = [0x00, 0x20, 0x40, 0x60, 0xE0]
+        .map(|tail| Frame::extended(ARRAY_COMMAND | 10, &[1, 0, 0, 0, tail]));
+    let remote = [(ARRAY_COMMAND | 10, 5), (NODE_STATUS | 1, 8)]
+        .map(|(id, dlc)| Frame::remote(Id::Extended(id), dlc));
+    let of_wrong_senders = [
+        (ARRAY_COMMAND, &[1, 0, 0, 0, 0xC0][..]),
+        (ARRAY_COMMAND | 120, &[1, 0, 0, 0, 0xC0]),
+        (SERVO_COMMAND, &[0, 0xC0]),
+        (NODE_STATUS | 120, &[0, 0, 0, 0, 0, 0, 0, 0xC0]),
+    ]
+    .map(|(id, data)| Frame::extended(id, data));
+    for (frames, lines, line) in [
+        (of_lengths.to_vec(), 6, "refused: type 1010 from 10 tid 0, wrong length"),
+        (long.collect(), 7, "refused: type 1010 from 10 tid 0, wrong length"),
+        (all(ARRAY_COMMAND | 10, &[&[]]), 1, "refused: type 1010 from 10, malformed"),
+        (pieces.to_vec(), 1, "refused: type 1010 from 10"),
+        (of_wrong_senders.to_vec(), 4, "wrong sender"),
+        (remote.to_vec(), 2, "refused: unknown type"),
+        (
+            all(NODE_STATUS | 1, &[&[0, 0, 0, 0, 0, 0, 0xC0], &[0xC0]]),
+            2,
+            "refused: type 341 from 1 tid 0, wrong length",
+        ),
+        (
+            all(SERVO_COMMAND | 1, &[&[0xC0], &[0, 0, 0xC0]]),
+            2,
+            "refused: type 1111 from 1 tid 0, wrong length",
+        ),
+    ] {
+        let mut rig = Rig::positioned();
+        for frame in frames {
+            rig.send_frame(frame);
+            rig.run_ms(10);
+        }
+        assert_rejects(rig, lines, line);
     }
-    assert_rejects(rig, lengths.len(), "refused: type 1010 from 10 tid 0, wrong length");
-}
-
-#[test]
-fn a_frame_without_a_tail_byte_is_rejected() {
-    let mut rig = Rig::positioned();
-    rig.send(ARRAY_COMMAND | 10, &[]);
-    assert_rejects(rig, 1, "refused: type 1010 from 10, malformed");
 }
 
 /// The remaining frames must not complete the command a minute later either, when the node's 16-bit
@@ -54,37 +88,6 @@ fn an_incomplete_command_is_dropped_and_logged_after_50_ms() {
     assert_rejects(rig, 1, "refused: type 1010 from 10, broken");
 }
 
-/// long_commands.rs tests complete transfers of several frames.
-#[test]
-fn frames_that_belong_to_no_transfer_do_not_move_the_servo() {
-    let mut rig = Rig::positioned();
-    for tail in [0x00, 0x20, 0x40, 0x60, 0xE0] {
-        rig.send(ARRAY_COMMAND | 10, &[1, 0, 0, 0, tail]);
-        rig.run_ms(10);
-    }
-    // Only the last frame can belong to no transfer at all: it is a start of transfer with the
-    // toggle bit set.
-    assert_rejects(rig, 1, "refused: type 1010 from 10");
-}
-
-#[test]
-fn commands_without_a_sender_or_with_the_node_s_own_id_are_rejected() {
-    let mut rig = Rig::positioned();
-    rig.send(ARRAY_COMMAND, &[1, 0, 0, 0, 0xC0]);
-    rig.send(ARRAY_COMMAND | 120, &[1, 0, 0, 0, 0xC0]);
-    rig.send(SERVO_COMMAND, &[0, 0xC0]);
-    rig.send(NODE_STATUS | 120, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
-    assert_rejects(rig, 4, "wrong sender");
-}
-
-#[test]
-fn remote_frames_are_rejected() {
-    let mut rig = Rig::positioned();
-    rig.send_frame(Frame::remote(Id::Extended(ARRAY_COMMAND | 10), 5));
-    rig.send_frame(Frame::remote(Id::Extended(NODE_STATUS | 1), 8));
-    assert_rejects(rig, 2, "refused: unknown type");
-}
-
 #[test]
 fn standard_frames_do_not_pass_the_filters() {
     let mut rig = Rig::positioned();
@@ -93,33 +96,6 @@ fn standard_frames_do_not_pass_the_filters() {
     }
     rig.run_ms(300);
     assert_rejects(rig, 0, "refused");
-}
-
-#[test]
-fn a_dlc_above_8_means_8_bytes_and_blocks_nothing() {
-    let mut rig = Rig::positioned();
-    for dlc in 9..=15 {
-        let data = [1, 0, 0, 0, 0, 0, 0, 0xC0];
-        rig.send_frame(Frame::with_dlc(Id::Extended(ARRAY_COMMAND | 10), dlc, data));
-        rig.run_ms(10);
-    }
-    assert_rejects(rig, 7, "refused: type 1010 from 10 tid 0, wrong length");
-}
-
-#[test]
-fn statuses_of_a_wrong_length_are_rejected() {
-    let mut rig = Rig::positioned();
-    rig.send(NODE_STATUS | 1, &[0, 0, 0, 0, 0, 0, 0xC0]);
-    rig.send(NODE_STATUS | 1, &[0xC0]);
-    assert_rejects(rig, 2, "refused: type 341 from 1 tid 0, wrong length");
-}
-
-#[test]
-fn thesis_commands_of_a_wrong_length_are_rejected() {
-    let mut rig = Rig::positioned();
-    rig.send(SERVO_COMMAND | 1, &[0xC0]);
-    rig.send(SERVO_COMMAND | 1, &[0, 0, 0xC0]);
-    assert_rejects(rig, 2, "refused: type 1111 from 1 tid 0, wrong length");
 }
 
 #[test]
