@@ -1,7 +1,7 @@
 //! The serial monitor logs events at 115200 baud, and never delays the node.
 
 use bench::can::Frame;
-use rig::{ARRAY_COMMAND, MS, Rig, corner};
+use rig::{MS, Rig, corner};
 
 #[test]
 fn the_banner_has_version_node_id_and_reset_cause() {
@@ -98,15 +98,4 @@ fn lines_that_do_not_fit_are_dropped_and_counted_and_delay_no_frame() {
     // Some temperatures are logged besides the commands.
     assert!((1000..=1003).contains(&(lines + dropped)), "{lines} logged and {dropped} dropped");
     assert_eq!(rig.pulses.last().unwrap().width_us(), 1999.0);
-}
-
-#[test]
-fn a_question_mark_prints_the_counters_on_the_serial_monitor() {
-    let mut rig = Rig::running();
-    rig.send_command(1, 0, 0.0);
-    rig.send(ARRAY_COMMAND | 10, &[]);
-    rig.run_ms(50);
-    rig.board().avr_mut().serial_send(b"x?");
-    rig.wait_for_line("commands followed 1, frames refused 1", 100);
-    rig.wait_for_line("overruns 0, given up 0", 100);
 }
