@@ -4,7 +4,7 @@
 
 use bench::avr::{Firmware, Pulse, ResetCause};
 use bench::can::Frame;
-use bench::dronecan::{Message, NumberAndText, ParameterRequest, TransferId, Value, split, types};
+use bench::dronecan::{Message, NumberAndText, ParameterRequest, TransferId, Value};
 use bench::{Cycles, Noise, bootloader};
 use rig::{
     ARMED, ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, NOT_ARMED, NOT_SAFE, PWM, Program,
@@ -46,16 +46,6 @@ impl Hub {
         self.rig.send(id, &[payload, &[tail]].concat());
     }
 
-    fn raw_command(&mut self, source: u32, throttles: &[i16]) {
-        let transfer_id = self.next_transfer_id();
-        let command = Message::RawCommand(throttles.to_vec());
-        let (_, payload) = command.encode().expect("a command");
-        let seed = types::RAW_COMMAND.seed.expect("known");
-        for data in split(&payload, transfer_id, seed) {
-            self.rig.send(RAW_COMMAND | source, &data);
-        }
-    }
-
     /// Commands the width of a servo's pulse.
     fn position(&mut self, source: u32, id: u8, us: f32) {
         let transfer_id = self.next_transfer_id().get();
@@ -72,35 +62,17 @@ impl Hub {
                 self.send(NODE_STATUS | AUTOPILOT, &[0; 7]);
                 self.send(ARMING_STATUS | AUTOPILOT, &[ARMED]);
             }
-            self.raw_command(AUTOPILOT, &[4096; 4]);
+            self.rig.send_raw_command(AUTOPILOT, &[4096; 4]);
             self.rig.run_ms(2);
             beside(self);
             self.rig.run_ms(18);
         }
     }
 
-    /// Takes the pulses of each output so far.
-    fn pulses(&mut self) -> Vec<Vec<Pulse>> {
-        self.rig.run_ms(0);
-        let mut all = vec![std::mem::take(&mut self.rig.pulses)];
-        all.extend(self.rig.board().take_output_pulses());
-        all
-    }
-
-    /// Width of each output's pulse in microseconds, rounded because an edge may be off by half a
-    /// microsecond. `None` without a pulse.
-    fn widths_us(&mut self) -> Vec<Option<f64>> {
-        self.rig.run_ms(25);
-        self.pulses();
-        self.rig.run_ms(45);
-        let width = |pulses: &Vec<Pulse>| pulses.last().map(|pulse| pulse.width_us().round());
-        self.pulses().iter().map(width).collect()
-    }
-
     /// The motors have run at half throttle all the time.
     #[track_caller]
     fn assert_motors_run(&mut self) {
-        for (motor, pulses) in self.pulses().iter().take(4).enumerate() {
+        for (motor, pulses) in self.rig.take_pulses().iter().take(4).enumerate() {
             assert!(pulses.len() > 5, "motor {motor} has {} pulses", pulses.len());
             let other = pulses.iter().find(|pulse| pulse.width_us().round() != 1500.0);
             assert!(other.is_none(), "motor {motor}: {other:?}\n{}", self.rig.serial);
@@ -129,7 +101,7 @@ fn a_node_that_takes_both_lanes_before_each_list_breaks_at_most_three_in_a_row()
     let widths = (0..150).map(|n| 1_100.0 + 5.0 * n as f32);
     for (us, transfer_id) in widths.zip((0..32).cycle()) {
         // These end what it began before.
-        hub.raw_command(OTHER, &[0; 8]);
+        hub.rig.send_raw_command(OTHER, &[0; 8]);
         for data in array_command(&others[..2], transfer_id) {
             hub.rig.send(ARRAY_COMMAND | OTHER, &data);
         }
@@ -139,7 +111,7 @@ fn a_node_that_takes_both_lanes_before_each_list_breaks_at_most_three_in_a_row()
         hub.rig.run_ms(2);
         long_list(&mut hub, us, transfer_id);
         hub.rig.run_ms(18);
-        let pulses = hub.pulses();
+        let pulses = hub.rig.take_pulses();
         if us < 1_200.0 {
             continue;
         }
@@ -163,7 +135,7 @@ fn another_commander_s_statuses_do_not_stop_the_motors_of_the_autopilot() {
     hub.fly(1000, |_| {});
     hub.position(11, 7, 1300.0);
     hub.rig.run_ms(5);
-    hub.pulses();
+    hub.rig.take_pulses();
     let mut slot = 0;
     hub.fly(6000, |hub| {
         slot += 1;
@@ -181,17 +153,17 @@ fn another_commander_s_statuses_do_not_stop_the_motors_of_the_autopilot() {
 fn a_node_whose_commands_are_refused_may_not_turn_the_safety_switch_on() {
     let mut hub = Hub::with_motors(4);
     hub.fly(1000, |_| {});
-    hub.pulses();
+    hub.rig.take_pulses();
     hub.fly(1000, |hub| {
-        hub.raw_command(OTHER, &[8191; 4]);
+        hub.rig.send_raw_command(OTHER, &[8191; 4]);
         hub.send(SAFETY_STATE | OTHER, &[SAFE]);
-        hub.raw_command(OTHER, &[8191; 4]);
+        hub.rig.send_raw_command(OTHER, &[8191; 4]);
         hub.send(ARMING_STATUS | OTHER, &[NOT_ARMED]);
     });
     hub.assert_motors_run();
     // The autopilot may.
     hub.send(SAFETY_STATE | AUTOPILOT, &[SAFE]);
-    assert_eq!(hub.widths_us()[..4], [Some(1000.0); 4]);
+    assert_eq!(hub.rig.widths_us()[..4], [Some(1000.0); 4]);
 }
 
 #[test]
@@ -207,10 +179,10 @@ fn a_safety_switch_that_two_nodes_turned_on_is_not_turned_off_by_one() {
         hub.rig.run_ms(5);
     }
     hub.position(AUTOPILOT, 5, 1900.0);
-    assert_eq!(hub.widths_us()[4], Some(1200.0), "the autopilot's is still on");
+    assert_eq!(hub.rig.widths_us()[4], Some(1200.0), "the autopilot's is still on");
     hub.rig.run_ms(5000);
     hub.position(AUTOPILOT, 5, 1900.0);
-    assert_eq!(hub.widths_us()[4], Some(1900.0), "neither says that it is on");
+    assert_eq!(hub.rig.widths_us()[4], Some(1900.0), "neither says that it is on");
 }
 
 /// A node may turn the switch on as long as an output followed its command last.
@@ -227,7 +199,7 @@ fn a_node_whose_output_another_commands_since_then_may_not_turn_the_safety_switc
         hub.send(SAFETY_STATE | OTHER, &[SAFE]);
         hub.rig.run_ms(5);
         hub.position(AUTOPILOT, taken, 1900.0);
-        let widths = hub.widths_us();
+        let widths = hub.rig.widths_us();
         assert_eq!(widths[usize::from(taken) - 1], expected_us, "{}", hub.rig.serial);
         // What the switch says counts for four to five seconds.
         hub.rig.run_ms(5_500);
@@ -239,16 +211,16 @@ fn a_servo_follows_a_commander_with_another_node_id_at_once_and_motors_follow_on
     let mut hub = Hub::with_motors(4);
     hub.fly(1000, |hub| hub.position(AUTOPILOT, 5, 1200.0));
     let begin = hub.rig.now();
-    hub.pulses();
+    hub.rig.take_pulses();
     for slot in 0..50 {
         if slot == 20 {
             hub.send(ARMING_STATUS | 20, &[ARMED]);
         }
-        hub.raw_command(20, &[4096; 4]);
+        hub.rig.send_raw_command(20, &[4096; 4]);
         hub.position(20, 5, 1300.0);
         hub.rig.run_ms(20);
     }
-    let pulses = hub.pulses();
+    let pulses = hub.rig.take_pulses();
     let first_ms = |output: usize, us: f64, after_ms: u64| {
         let is_it =
             |pulse: &&Pulse| pulse.width_us().round() == us && pulse.start >= begin + after_ms * MS;
@@ -300,7 +272,7 @@ fn an_output_whose_id_changes_while_a_command_comes_in_does_not_follow_it() {
         }
         hub.rig.set("OUT3_ID", id.into());
         hub.rig.send(ARRAY_COMMAND | AUTOPILOT, last);
-        let widths = hub.widths_us();
+        let widths = hub.rig.widths_us();
         assert_eq!((widths[1], widths[2], widths[3]), (Some(1200.0), None, Some(1400.0)), "{id}");
         hub.rig.set("OUT3_ID", 3);
     }
@@ -325,7 +297,7 @@ fn invalid_commands_right_after_a_list_replace_none_of_its_entries() {
             hub.rig.send(ARRAY_COMMAND | OTHER, data);
         }
         let expected: Vec<_> = (1..=8).map(|id| Some(width(id))).collect();
-        assert_eq!(hub.widths_us(), expected, "round {round}, from output {}", first + 1);
+        assert_eq!(hub.rig.widths_us(), expected, "round {round}, from output {}", first + 1);
     }
 }
 
@@ -346,7 +318,7 @@ fn while_a_parameter_is_set_each_output_follows_its_commands() {
         let data = &array_command(&[(id, PWM, us)], round as u8 % 32)[0];
         let frame = Frame::extended(ARRAY_COMMAND | AUTOPILOT, data);
         hub.rig.peer.borrow_mut().send_at(at, frame);
-        let width = hub.widths_us()[usize::from(id) - 1];
+        let width = hub.rig.widths_us()[usize::from(id) - 1];
         assert_eq!(width, Some(us.into()), "round {round}, ID {id}");
     }
 }
@@ -360,9 +332,9 @@ fn a_change_of_type_or_id_ends_the_pulse_and_is_refused_while_armed() {
         let answer = hub.rig.request_value(name, Value::Integer(value));
         assert_eq!(answer, Value::Integer(before), "{name} while armed");
         hub.send(ARMING_STATUS | AUTOPILOT, &[NOT_ARMED]);
-        assert_eq!(hub.widths_us()[4], Some(1200.0), "{name}");
+        assert_eq!(hub.rig.widths_us()[4], Some(1200.0), "{name}");
         hub.rig.set(name, value);
-        assert_eq!(hub.widths_us()[4], None, "{name}");
+        assert_eq!(hub.rig.widths_us()[4], None, "{name}");
     }
 }
 
@@ -375,7 +347,7 @@ fn motors_follow_raw_commands_whose_length_changes_each_time() {
         let mut expected = [0.0; 4];
         for _ in 0..1 + random.below(4) {
             let (len, throttle) = (1 + random.below(20) as usize, random.below(8000) as i16);
-            hub.raw_command(AUTOPILOT, &vec![throttle; len]);
+            hub.rig.send_raw_command(AUTOPILOT, &vec![throttle; len]);
             for (motor, us) in expected.iter_mut().enumerate() {
                 let throttle = if motor < len { throttle } else { 0 };
                 *us = 1000.0 + f64::from(throttle) * 1000.0 / 8191.0;
@@ -386,7 +358,7 @@ fn motors_follow_raw_commands_whose_length_changes_each_time() {
         if round % 5 == 0 {
             hub.send(ARMING_STATUS | AUTOPILOT, &[ARMED]);
         }
-        for (motor, (us, expected)) in hub.widths_us().iter().zip(expected).enumerate() {
+        for (motor, (us, expected)) in hub.rig.widths_us().iter().zip(expected).enumerate() {
             let us = us.expect("a pulse");
             assert!((us - expected).abs() <= 1.5, "round {round}, motor {motor}: {us} {expected}");
         }
@@ -401,9 +373,9 @@ fn a_restart_gives_no_pulse_to_outputs_that_were_never_commanded() {
         hub.rig.set(&format!("OUT{output}_FS"), 2);
     }
     hub.rig.save();
-    hub.pulses();
+    hub.rig.take_pulses();
     hub.rig.restart();
-    assert!(hub.pulses().iter().all(Vec::is_empty));
+    assert!(hub.rig.take_pulses().iter().all(Vec::is_empty));
 }
 
 #[test]
@@ -463,7 +435,7 @@ fn the_bootloader_s_record_of_the_bus_follows_the_saved_bit_rate() {
 /// restart, if there is one, and that of the first pulse of this width, both after the request.
 fn update_and_command(hub: &mut Hub, delay: Cycles, us: f32) -> (Option<Cycles>, Option<Cycles>) {
     let resets = hub.rig.board().avr().resets().len();
-    hub.pulses();
+    hub.rig.take_pulses();
     let request = NumberAndText { number: 0, text: b"fw.bin".to_vec() };
     let begin = hub.rig.now();
     hub.rig.request(&Message::BeginUpdate(request));
@@ -472,7 +444,7 @@ fn update_and_command(hub: &mut Hub, delay: Cycles, us: f32) -> (Option<Cycles>,
     for _ in 0..60 {
         hub.position(AUTOPILOT, 5, us);
         hub.rig.run_ms(20);
-        let pulses = hub.pulses().swap_remove(4);
+        let pulses = hub.rig.take_pulses().swap_remove(4);
         let is_new = |pulse: &&Pulse| pulse.width_us().round() == f64::from(us);
         first = first.or(pulses.iter().find(is_new).map(|pulse| pulse.start - begin));
     }
@@ -508,7 +480,7 @@ fn at_any_phase_of_the_period_commands_of_50_hz_are_in_the_pulses_of_the_next() 
     let mut hub = Hub::with_motors(0);
     hub.position(AUTOPILOT, 1, 1000.0);
     hub.rig.run_ms(100);
-    let start = hub.pulses()[0].last().expect("a pulse").start;
+    let start = hub.rig.take_pulses()[0].last().expect("a pulse").start;
     let mut commanded = vec![];
     let mut n = 0u16;
     for phase_us in (900..1500).step_by(10) {
@@ -525,7 +497,7 @@ fn at_any_phase_of_the_period_commands_of_50_hz_are_in_the_pulses_of_the_next() 
             commanded.push((at, f64::from(us)));
             hub.rig.run_until(at + 15 * MS);
         }
-        for pulse in &hub.pulses()[0] {
+        for pulse in &hub.rig.take_pulses()[0] {
             // A command has five frames, and the outputs take a turn each.
             let before = commanded.iter().rfind(|(at, _)| at + 23 * MS < pulse.start);
             let (us, oldest_us) = (pulse.width_us(), before.map_or(1000.0, |before| before.1));

@@ -1,12 +1,11 @@
 //! Motors at 400 Hz: ESC_PWM_TYPE and ESC_RATE, normal pulses of four motors and OneShot125 of
 //! eight. The pulses are exact and whole, and have the newest commands.
 
+use bench::avr::Pulse;
 use bench::dronecan::Value;
-use bench::dronecan::esc::encode_commands;
-use bench::dronecan::{TransferId, split, types};
 use rig::flood::{Escs, Flood, Pace, Preset, Pulses, Scenario, Setup, Traffic};
 use rig::load::SENDER;
-use rig::{ARMED, ARMING_STATUS, MS, PWM, Program, RAW_COMMAND, Rig, US, by_node_clock, parallel};
+use rig::{ARMED, MS, PWM, Program, Rig, US, by_node_clock, parallel};
 
 const FOUR: Setup = Setup::of_escs(4, Escs::Fast);
 const EIGHT: Setup = Setup::of_escs(8, Escs::OneShot125);
@@ -16,50 +15,17 @@ const TICK: i64 = 8;
 /// A period of 400 Hz.
 const PERIOD_US: i64 = 2500;
 
-/// A node and its commander.
-struct Motors {
-    rig: Rig,
-    transfer_id: u8,
-}
-
-impl Motors {
-    fn of(setup: Setup) -> Motors {
-        Motors { rig: setup.running(), transfer_id: 0 }
-    }
-
-    fn arm(&mut self, status: u8) {
-        // From the autopilot, which is the commander.
-        self.rig.send_status_from(10);
-        self.rig.send(ARMING_STATUS | SENDER, &[status, 0xC0]);
-        self.rig.run_ms(5);
-    }
-
-    fn command(&mut self, throttles: &[i16]) {
-        let transfer_id = TransferId::new(self.transfer_id);
-        self.transfer_id = (self.transfer_id + 1) % 32;
-        let seed = types::RAW_COMMAND.seed.expect("known");
-        for data in split(&encode_commands(throttles), transfer_id, seed) {
-            self.rig.send(RAW_COMMAND | SENDER, &data);
-        }
-    }
-
-    /// Begin and width of each output's pulses in `ms`, in cycles, without those that have begun
-    /// before.
-    fn pulses(&mut self, ms: u64) -> Vec<Vec<(i64, i64)>> {
-        self.rig.run_ms(5);
-        self.rig.pulses.clear();
-        self.rig.board().take_output_pulses();
-        let from = self.rig.now();
-        self.rig.run_ms(ms);
-        let mut all = vec![std::mem::take(&mut self.rig.pulses)];
-        all.extend(self.rig.board().take_output_pulses());
-        let plain = |pulse: &bench::avr::Pulse| {
-            (by_node_clock(pulse.start) as i64, pulse.width_cycles as i64)
-        };
-        all.iter()
-            .map(|pulses| pulses.iter().filter(|pulse| pulse.start >= from).map(plain).collect())
-            .collect()
-    }
+/// Begin and width of each output's pulses in `ms`, in cycles, without those that have begun
+/// before.
+fn pulses(rig: &mut Rig, ms: u64) -> Vec<Vec<(i64, i64)>> {
+    rig.run_ms(5);
+    rig.take_pulses();
+    let from = rig.now();
+    rig.run_ms(ms);
+    let plain = |pulse: &Pulse| (by_node_clock(pulse.start) as i64, pulse.width_cycles as i64);
+    let all = rig.take_pulses().into_iter();
+    all.map(|pulses| pulses.iter().filter(|pulse| pulse.start >= from).map(plain).collect())
+        .collect()
 }
 
 /// Each output's widths in `pulses` are within a tick of these, in microseconds. `None` is no
@@ -81,9 +47,9 @@ fn assert_widths(pulses: &[Vec<(i64, i64)>], expected_us: &[Option<f64>]) {
 
 #[test]
 fn four_motors_have_normal_pulses_at_400_hz_whatever_the_order_of_their_widths() {
-    let mut node = Motors::of(FOUR);
-    assert_widths(&node.pulses(20), &[None; 8]);
-    node.arm(ARMED);
+    let mut rig = FOUR.running();
+    assert_widths(&pulses(&mut rig, 20), &[None; 8]);
+    rig.arm(ARMED);
     let orders: [[i16; 4]; 6] = [
         [1000, 2000, 3000, 4000],
         [4000, 3000, 2000, 1000],
@@ -93,8 +59,8 @@ fn four_motors_have_normal_pulses_at_400_hz_whatever_the_order_of_their_widths()
         [5000, 1, 5000, 4999],
     ];
     for throttles in orders {
-        node.command(&throttles);
-        let seen = node.pulses(50);
+        rig.send_raw_command(SENDER, &throttles);
+        let seen = pulses(&mut rig, 50);
         let us = |throttle: i16| Some(1000.0 + f64::from(throttle) * 1000.0 / 8192.0);
         assert_widths(&seen, &throttles.map(us));
         let mut edges: Vec<i64> = Vec::new();
@@ -116,11 +82,11 @@ fn four_motors_have_normal_pulses_at_400_hz_whatever_the_order_of_their_widths()
 
 #[test]
 fn eight_motors_have_oneshot125_at_400_hz_one_after_the_other() {
-    let mut node = Motors::of(EIGHT);
-    node.arm(ARMED);
+    let mut rig = EIGHT.running();
+    rig.arm(ARMED);
     let throttles = [0, 8191, 1024, 2048, 3072, 4096, 8191, 7168];
-    node.command(&throttles);
-    let seen = node.pulses(50);
+    rig.send_raw_command(SENDER, &throttles);
+    let seen = pulses(&mut rig, 50);
     assert_widths(
         &seen,
         &throttles.map(|throttle| Some(125.0 + f64::from(throttle) * 125.0 / 8192.0)),
@@ -144,29 +110,28 @@ fn oneshot125_is_never_outside_of_125_to_250_us_whatever_the_travel() {
         rig.set(&format!("OUT{output}_MIN"), 500);
         rig.set(&format!("OUT{output}_MAX"), 2400);
     }
-    let mut node = Motors { rig, transfer_id: 0 };
-    node.arm(ARMED);
-    node.command(&[0, 8191, 0, 8191, 4096, 0, 8191, 8191]);
+    rig.arm(ARMED);
+    rig.send_raw_command(SENDER, &[0, 8191, 0, 8191, 4096, 0, 8191, 8191]);
     let us = [125.0, 250.0, 125.0, 250.0, 181.5, 125.0, 250.0, 250.0].map(Some);
-    assert_widths(&node.pulses(50), &us);
+    assert_widths(&pulses(&mut rig, 50), &us);
 }
 
 #[test]
 fn a_fast_motor_without_a_command_has_no_pulse_and_one_that_stops_its_lowest() {
     for (setup, low, half) in [(FOUR, 1000.0, 1500.0), (EIGHT, 125.0, 187.5)] {
-        let mut node = Motors::of(setup);
-        node.arm(ARMED);
-        node.command(&[4096]);
-        assert_widths(&node.pulses(30), &[Some(half), None, None, None]);
-        node.command(&[4096; 3]);
-        assert_widths(&node.pulses(30), &[Some(half), Some(half), Some(half), None]);
+        let mut rig = setup.running();
+        rig.arm(ARMED);
+        rig.send_raw_command(SENDER, &[4096]);
+        assert_widths(&pulses(&mut rig, 30), &[Some(half), None, None, None]);
+        rig.send_raw_command(SENDER, &[4096; 3]);
+        assert_widths(&pulses(&mut rig, 30), &[Some(half), Some(half), Some(half), None]);
         // MOT_TIMEOUT.
-        node.rig.run_ms(300);
-        assert_widths(&node.pulses(30), &[Some(low), Some(low), Some(low), None]);
-        node.command(&[4096; 4]);
-        assert_widths(&node.pulses(30), &[Some(half); 4]);
-        node.arm(0);
-        assert_widths(&node.pulses(30), &[Some(low); 4]);
+        rig.run_ms(300);
+        assert_widths(&pulses(&mut rig, 30), &[Some(low), Some(low), Some(low), None]);
+        rig.send_raw_command(SENDER, &[4096; 4]);
+        assert_widths(&pulses(&mut rig, 30), &[Some(half); 4]);
+        rig.arm(0);
+        assert_widths(&pulses(&mut rig, 30), &[Some(low); 4]);
     }
 }
 
@@ -180,19 +145,17 @@ fn a_restart_cuts_no_fast_pulse() {
         (FOUR, [1250.0, 2000.0, 1500.0, 1000.0], 1000.0),
         (EIGHT, [156.25, 250.0, 187.5, 125.0], 125.0),
     ] {
-        let mut node = Motors::of(setup);
+        let mut rig = setup.running();
         for step in 0..12 {
-            node.arm(ARMED);
-            node.command(&[2048, 8191, 4096, 0]);
-            node.rig.run_ms(10);
-            let until = node.rig.now() + step * 211 * US;
-            node.rig.run_until(until);
-            node.rig.pulses.clear();
-            node.rig.board().take_output_pulses();
-            let from = node.rig.now();
-            node.rig.restart();
-            let mut all = vec![std::mem::take(&mut node.rig.pulses)];
-            all.extend(node.rig.board().take_output_pulses());
+            rig.arm(ARMED);
+            rig.send_raw_command(SENDER, &[2048, 8191, 4096, 0]);
+            rig.run_ms(10);
+            let until = rig.now() + step * 211 * US;
+            rig.run_until(until);
+            rig.take_pulses();
+            let from = rig.now();
+            rig.restart();
+            let all = rig.take_pulses();
             for (output, expected) in us.iter().enumerate() {
                 for pulse in all[output].iter().filter(|pulse| pulse.start >= from) {
                     let off = |us: &f64| (pulse.width_cycles as i64 - (us * 16.0) as i64).abs();
@@ -240,24 +203,24 @@ fn rates_and_types_that_do_not_go_together_are_refused() {
 
 #[test]
 fn rate_and_type_do_not_change_while_armed() {
-    let mut node = Motors::of(FOUR);
-    node.arm(ARMED);
+    let mut rig = FOUR.running();
+    rig.arm(ARMED);
     for (name, value, before) in [("ESC_RATE", 50, 400), ("ESC_PWM_TYPE", 3, 1)] {
-        let answer = node.rig.request_value(name, Value::Integer(value));
+        let answer = rig.request_value(name, Value::Integer(value));
         assert_eq!(answer, Value::Integer(before), "{name}");
     }
-    node.arm(0);
-    node.rig.set("ESC_RATE", 50);
+    rig.arm(0);
+    rig.set("ESC_RATE", 50);
 }
 
 /// A servo that is alone, or among motors, has OUT_RATE.
 #[test]
 fn motors_beside_servos_have_the_rate_of_the_servos() {
-    let mut node = Motors::of(Setup::of(Preset::Full, 2, 2));
-    node.arm(ARMED);
-    node.command(&[4096, 4096]);
-    node.rig.send_commands(&[(1, PWM, 1500.0), (2, PWM, 1500.0)]);
-    let seen = node.pulses(205);
+    let mut rig = Setup::of(Preset::Full, 2, 2).running();
+    rig.arm(ARMED);
+    rig.send_raw_command(SENDER, &[4096, 4096]);
+    rig.send_commands(&[(1, PWM, 1500.0), (2, PWM, 1500.0)]);
+    let seen = pulses(&mut rig, 205);
     for pulses in &seen[..4] {
         assert!(
             pulses.windows(2).all(|pair| (pair[1].0 - pair[0].0 - 20 * MS as i64).abs() <= TICK)

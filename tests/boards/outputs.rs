@@ -5,6 +5,7 @@ use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use bench::autopilot::{Moves, Profile, Settings};
+use bench::avr::Pulse;
 use bench::dronecan::{Message, ParameterRequest, Value};
 use rig::load::{Client, Figures, Kind, Load, Loaded, Pace};
 use rig::status::{ERROR, FAILSAFE, OK, TRANSFER_ERRORS};
@@ -36,54 +37,37 @@ fn hub() -> Rig {
 }
 
 /// A different width for each output.
-fn width_us(output: usize) -> f32 {
-    1000.0 + 125.0 * output as f32
+fn width_us(output: usize) -> f64 {
+    1000.0 + 125.0 * output as f64
 }
 
 /// Commands these outputs, counted from 0. By default output n has the ID n + 1.
 fn command(rig: &mut Rig, outputs: impl IntoIterator<Item = usize>) {
-    let commands: Vec<_> =
-        outputs.into_iter().map(|output| (output as u8 + 1, PWM, width_us(output))).collect();
+    let commands: Vec<_> = outputs
+        .into_iter()
+        .map(|output| (output as u8 + 1, PWM, width_us(output) as f32))
+        .collect();
     rig.send_commands(&commands);
 }
 
 /// Starts and widths of the pulses of each output, in cycles, since the last call.
 fn pulses(rig: &mut Rig) -> Vec<Vec<(i64, i64)>> {
-    rig.run_ms(0);
-    let mut all = vec![std::mem::take(&mut rig.pulses)];
-    all.extend(rig.board().take_output_pulses());
-    let plain = |pulses: Vec<bench::avr::Pulse>| {
-        pulses
-            .iter()
-            .map(|pulse| (by_node_clock(pulse.start) as i64, pulse.width_cycles as i64))
-            .collect::<Vec<_>>()
-    };
-    all.into_iter().map(plain).collect()
-}
-
-/// Width of each output's last pulse within 60 ms, in microseconds, rounded because an edge may be
-/// off by half a microsecond. `None` without a pulse.
-fn widths_us(rig: &mut Rig) -> Vec<Option<f32>> {
-    rig.run_ms(45);
-    pulses(rig);
-    rig.run_ms(60);
-    let width =
-        |pulses: &Vec<(i64, i64)>| pulses.last().map(|(_, width)| (*width as f32 / 16.0).round());
-    pulses(rig).iter().map(width).collect()
+    let plain = |pulse: &Pulse| (by_node_clock(pulse.start) as i64, pulse.width_cycles as i64);
+    rig.take_pulses().iter().map(|pulses| pulses.iter().map(plain).collect()).collect()
 }
 
 #[test]
 fn each_output_follows_the_commands_for_its_id_and_gives_no_pulse_before_the_first() {
     let mut rig = hub();
-    assert_eq!(widths_us(&mut rig), [None; OUTPUTS]);
+    assert_eq!(rig.widths_us(), [None; OUTPUTS]);
     for output in 0..OUTPUTS {
         command(&mut rig, [output]);
         let expected: Vec<_> = (0..OUTPUTS).map(|n| (n <= output).then(|| width_us(n))).collect();
-        assert_eq!(widths_us(&mut rig), expected, "output {output}");
+        assert_eq!(rig.widths_us(), expected, "output {output}");
     }
     rig.set("OUT7_ID", 200);
     rig.send_commands(&[(200, PWM, 1111.0), (7, PWM, 1999.0), (9, PWM, 1999.0)]);
-    assert_eq!(widths_us(&mut rig)[6], Some(1111.0));
+    assert_eq!(rig.widths_us()[6], Some(1111.0));
 }
 
 #[test]
@@ -92,7 +76,7 @@ fn outputs_with_the_same_id_follow_the_same_command_each_with_its_own_travel() {
     rig.set("OUT5_ID", 2);
     rig.set("OUT5_REVERSED", 1);
     rig.send_commands(&[(1, 0, 0.0), (2, 0, 0.5)]);
-    let widths = widths_us(&mut rig);
+    let widths = rig.widths_us();
     assert_eq!(
         (widths[0], widths[1], widths[4], widths[2]),
         (Some(1500.0), Some(1750.0), Some(1250.0), None)
@@ -124,7 +108,7 @@ fn while_ids_change_each_output_follows_the_entries_for_its_own() {
         let width = |id: u8| 1000.0 + 10.0 * f32::from(id);
         let entries: Vec<_> = [1, 2, 3, 4, 9, 17, 18].map(|id| (id, PWM, width(id))).to_vec();
         rig.send_commands(&entries);
-        assert_eq!(widths_us(&mut rig)[..4], ids.map(|id| Some(width(id))), "{ids:?}");
+        assert_eq!(rig.widths_us()[..4], ids.map(|id| Some(f64::from(width(id)))), "{ids:?}");
     }
 }
 
@@ -135,7 +119,7 @@ fn by_default_one_output_is_in_use_and_the_other_pins_are_inputs() {
     command(&mut rig, 0..OUTPUTS);
     let mut expected = [None; OUTPUTS];
     expected[0] = Some(width_us(0));
-    assert_eq!(widths_us(&mut rig), expected);
+    assert_eq!(rig.widths_us(), expected);
     let directions = |rig: &mut Rig| [0, 3, 6].map(|port| rig.board().avr().sram(DDRB + port));
     let before = directions(&mut rig);
     let mut hub = hub();
@@ -244,7 +228,7 @@ fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number()
             command(&mut rig, (0..OUTPUTS).filter(|&output| output != silent || round == 0));
             rig.run_ms(50);
         }
-        let widths = widths_us(&mut rig);
+        let widths = rig.widths_us();
         for (output, width) in widths.into_iter().enumerate() {
             assert_eq!(
                 width,
@@ -346,7 +330,7 @@ fn an_invalid_entry_does_not_move_its_output_and_the_others_follow_theirs() {
     command(&mut rig, 0..OUTPUTS);
     rig.run_ms(30);
     rig.send_commands(&[(1, PWM, 1200.0), (2, PWM, f32::NAN), (3, 77, 0.0), (4, PWM, 1300.0)]);
-    let widths = widths_us(&mut rig);
+    let widths = rig.widths_us();
     assert_eq!(widths[..4], [Some(1200.0), Some(width_us(1)), Some(width_us(2)), Some(1300.0)]);
     // One line tells why an entry of the command was refused.
     rig.wait_for_line("refused: command from 10 tid 1, unknown type", 100);

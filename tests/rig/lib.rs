@@ -34,6 +34,7 @@ use bench::avr::{Pulse, ResetCause};
 use bench::board::Board;
 use bench::can::{Frame, Id, PortId, RecordKind, SoftNode};
 use bench::corner::Corner;
+use bench::dronecan::esc::encode_commands;
 use bench::dronecan::{
     ActuatorCommand, CommandUnit, Decoded, Observation, Observer, Transfer, TransferId, draft,
     split, types,
@@ -464,6 +465,22 @@ impl Rig {
         }
     }
 
+    /// The peer sends an esc.RawCommand as node `source`. Queues all frames at once.
+    pub fn send_raw_command(&mut self, source: u32, throttles: &[i16]) {
+        let transfer_id = TransferId::new(Self::next_transfer_id(&mut self.command_transfer_id));
+        let seed = types::RAW_COMMAND.seed.expect("known");
+        for data in split(&encode_commands(throttles), transfer_id, seed) {
+            self.send(RAW_COMMAND | source, &data);
+        }
+    }
+
+    /// The autopilot, node 10, sends its status and this ArmingStatus.
+    pub fn arm(&mut self, status: u8) {
+        self.send_status_from(10);
+        self.send(ARMING_STATUS | 10, &[status, 0xC0]);
+        self.run_ms(5);
+    }
+
     /// The peer sends the thesis's command, as node 1.
     pub fn send_servo_command(&mut self, position: u8) {
         let transfer_id = Self::next_transfer_id(&mut self.command_transfer_id);
@@ -528,6 +545,24 @@ impl Rig {
     pub fn settled_pulse_us(&mut self) -> f64 {
         self.run_ms(45);
         self.pulses.last().expect("a pulse").width_us()
+    }
+
+    /// Takes the pulses of each output so far.
+    pub fn take_pulses(&mut self) -> Vec<Vec<Pulse>> {
+        self.collect();
+        let mut all = vec![std::mem::take(&mut self.pulses)];
+        all.extend(self.board().take_output_pulses());
+        all
+    }
+
+    /// Width of each output's last pulse in microseconds, rounded because an edge may be off by
+    /// half a microsecond. `None` without a pulse.
+    pub fn widths_us(&mut self) -> Vec<Option<f64>> {
+        self.run_ms(25);
+        self.take_pulses();
+        self.run_ms(45);
+        let width = |pulses: &Vec<Pulse>| pulses.last().map(|pulse| pulse.width_us().round());
+        self.take_pulses().iter().map(width).collect()
     }
 
     /// Runs until the serial monitor's output contains `text`.
