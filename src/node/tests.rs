@@ -10,8 +10,6 @@ use mcp2515_ordered::Frame;
 mod manage;
 #[cfg(feature = "outputs")]
 mod outputs;
-#[cfg(feature = "relay")]
-mod relays;
 
 impl Memory {
     /// An EEPROM with these parameters saved.

@@ -3,7 +3,7 @@
 
 use bench::dronecan::{HardpointStatus, Message};
 use bench::wiring::Pin;
-use rig::{ARRAY_COMMAND, Program, Rig};
+use rig::{ARMED, ARRAY_COMMAND, NOT_ARMED, Program, Rig};
 
 const PROGRAM: Program = Program::With("relay");
 
@@ -93,6 +93,56 @@ fn the_status_of_each_relay_is_sent_once_in_two_seconds() {
         assert!(of_this.clone().count() >= 2);
         assert!(of_this.all(|heard| heard.status == status && heard.weight.is_nan()), "{heard:?}");
     }
+}
+
+/// It goes there a second later at most.
+#[test]
+fn a_relay_without_commands_for_relay_timeout_goes_to_its_start_whatever_others_get() {
+    let mut rig = switching();
+    rig.set("RELAY_TIMEOUT", 2);
+    // Bits of outputs. A pin of an output with OUTn_REVERSED is high while it is released.
+    rig.set("RELAY_START", 0b100);
+    rig.set("OUT3_REVERSED", 1);
+    assert_eq!(command(&mut rig, 5, 1), [true, true]);
+    assert_eq!(command(&mut rig, 6, 0), [true, true]);
+    rig.run_ms(1900);
+    assert_eq!(command(&mut rig, 6, 0), [true, true]);
+    rig.run_ms(1080);
+    assert_eq!(levels(&mut rig), [false, true], "the first relay's time is over");
+    rig.run_ms(2000);
+    assert_eq!(levels(&mut rig), [false, false], "the other one's, too");
+}
+
+#[test]
+fn a_relay_follows_no_other_command_and_with_arm_req_none_while_disarmed() {
+    let mut rig = switching();
+    rig.set("ARM_REQ", 1);
+    assert_eq!(command(&mut rig, 5, 1), [false, false]);
+    rig.wait_for_line("refused: command from 10 tid 0, disarmed", 50);
+    rig.arm(ARMED);
+    assert_eq!(command(&mut rig, 5, 1), [true, false]);
+    rig.arm(NOT_ARMED);
+    assert_eq!(command(&mut rig, 5, 0), [true, false]);
+    rig.arm(ARMED);
+    // An ArrayCommand, and a Command that is too short. A bit mask holds.
+    rig.send(ARRAY_COMMAND | 10, &[6, 0, 0, 0x3C, 0xC0]);
+    rig.send(COMMAND, &[6, 1, 0xC1]);
+    rig.wait_for_line("refused: type 1070 from 10 tid 1, wrong length", 50);
+    assert_eq!(levels(&mut rig), [true, false]);
+    rig.send(COMMAND, &[6, 0, 0xFF, 0xC2]);
+    rig.run_ms(20);
+    assert_eq!(levels(&mut rig), [true, true]);
+    rig.forget();
+    rig.run_ms(2000);
+    let statuses = rig.node_messages(|message| match message {
+        Message::ActuatorStatus(status) => Some(status.actuator),
+        _ => None,
+    });
+    assert!(statuses.len() > 15 && statuses.iter().all(|(_, id)| *id == 2), "{statuses:?}");
+    rig.arm(NOT_ARMED);
+    rig.set("OUT1_TYPE", 0);
+    rig.run_ms(20);
+    assert_eq!(levels(&mut rig), [false, true], "no relay any more");
 }
 
 #[test]

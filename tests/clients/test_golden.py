@@ -509,7 +509,6 @@ def test_pydronecan_produces_the_quoted_messages(name):
         (GOLDEN, "hardpoint.Command", "whole"),
         (GOLDEN, "hardpoint.Command of a mask", "whole"),
         (GOLDEN, "hardpoint.Status", "whole"),
-        ("src/node/tests/relays.rs", "hardpoint.Command", "whole"),
         (GOLDEN, "RPM of 6,000", "whole"),
         (GOLDEN, "RPM of 60,000", "whole"),
         (GOLDEN, "RPM of 61.75", "whole"),
