@@ -535,11 +535,6 @@ impl Rig {
         self.frames(STATUS_OF_NODE)
     }
 
-    /// Width of the last pulse in half microseconds.
-    pub fn last_pulse(&self) -> Option<u64> {
-        self.pulses.last().map(|pulse| pulse.width_cycles / 8)
-    }
-
     /// Runs for two servo periods and returns the width of the last pulse in microseconds.
     #[track_caller]
     pub fn settled_pulse_us(&mut self) -> f64 {

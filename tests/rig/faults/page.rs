@@ -91,27 +91,25 @@ fail on a board.
 ";
 
 /// Titles of the chapters, with their cases.
-pub const CHAPTERS: [(&str, &[&Case]); 4] = [
+const CHAPTERS: [(&str, &[&Case]); 4] = [
     ("The bus", &bus::ALL),
     ("The CAN controller", &chip::ALL),
     ("The processor", &processor::ALL),
     ("The sensor and the received frames", &input::ALL),
 ];
 
-/// The cells of a case's row. Without a measurement the two measured times are empty.
-pub fn row(case: &Case, measured: Option<Measured>) -> [String; 6] {
-    let logged = case.logged_limit_ms.map(|limit| {
-        let logged = measured.and_then(|measured| measured.logged_ms);
-        format!("{} ({limit})", logged.map_or(String::new(), |ms| format!("{ms:.0}")))
-    });
-    let back = measured.map_or(String::new(), |measured| format!("{:.0}", measured.recovery_ms));
+/// The cells of a case's row.
+fn row(case: &Case, measured: Measured) -> [String; 6] {
+    let logged = case
+        .logged_limit_ms
+        .map(|limit| format!("{:.0} ({limit})", measured.logged_ms.unwrap_or(f64::NAN)));
     [
         case.fault.into(),
         case.noticed.into(),
         logged.unwrap_or_default(),
         case.reaction.into(),
         case.servo.into(),
-        format!("{back} ({})", case.limit_ms),
+        format!("{:.0} ({})", measured.recovery_ms, case.limit_ms),
     ]
 }
 
@@ -126,7 +124,7 @@ pub fn page(measure: impl Fn(&Case) -> Measured) -> String {
              | --- | --- | ---: | --- | --- | ---: |\n"
         );
         for case in cases {
-            let _ = writeln!(page, "| {} |", row(case, Some(measure(case))).join(" | "));
+            let _ = writeln!(page, "| {} |", row(case, measure(case)).join(" | "));
         }
     }
     page.push_str(DEAF);
