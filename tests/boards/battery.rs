@@ -47,15 +47,6 @@ fn last(rig: &mut Rig) -> BatteryInfo {
 }
 
 #[test]
-fn a_node_without_a_rate_sends_no_battery_info() {
-    let mut rig = PROGRAM.running();
-    rig.set("BATT_CAPACITY", 100);
-    rig.forget();
-    rig.run_ms(2000);
-    assert_eq!(infos(&mut rig), []);
-}
-
-#[test]
 #[ignore = "takes long: make test-all"]
 fn the_charge_falls_with_the_current_that_is_drawn() {
     let mut rig = watching();

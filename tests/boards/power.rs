@@ -52,15 +52,6 @@ fn assert_near(status: &CircuitStatus, volts: f32, amperes: f32) {
 }
 
 #[test]
-fn a_node_without_a_rate_sends_no_circuit_status() {
-    let mut rig = PROGRAM.running();
-    rig.forget();
-    rig.run_ms(2000);
-    assert_eq!(statuses(&mut rig), []);
-    assert!(!rig.serial.contains("circuit"), "{}", rig.serial);
-}
-
-#[test]
 fn voltage_and_current_are_sent_ten_times_a_second() {
     let mut rig = measuring();
     for (volts, amperes) in [(12.6, 3.2), (50.0, -20.0), (0.0, 0.0), (7.4, 30.0)] {

@@ -71,19 +71,6 @@ fn the_node_that_commands_the_servo_counts_as_the_autopilot() {
 }
 
 #[test]
-fn without_the_autopilot_s_status_the_node_sends_its_own_each_second() {
-    let mut rig = Rig::running();
-    for _ in 0..3 {
-        rig.send_status_from(1);
-        rig.run_ms(1000);
-    }
-    rig.forget();
-    rig.run_ms(6000);
-    let gaps = gaps_ms(&rig.statuses());
-    assert!(gaps.len() >= 4 && gaps.iter().all(|gap| (995.0..1030.0).contains(gap)), "{gaps:?}");
-}
-
-#[test]
 #[ignore = "takes long: make test-all"]
 fn uptime_counts_seconds_exactly_and_transfer_ids_count_to_31() {
     let mut rig = Rig::powered();
