@@ -52,19 +52,6 @@ fn an_update_by_px4_succeeds() {
     assert_eq!(bench.call(GET_NODE_INFO, &[])[7..9], file()[HEADER + 2..HEADER + 4]);
 }
 
-/// The DroneCAN GUI Tool sends up to four requests, 2 s apart, with a path of 7 characters, until
-/// the node's mode is SOFTWARE_UPDATE.
-#[test]
-fn an_update_by_the_gui_tool_needs_one_request() {
-    let mut bench = UpdateBench::with_program();
-    bench.server.files.insert("NjY2Njk".to_owned(), file());
-    bench.wait_for_program(1500);
-    assert_eq!(bench.call(BEGIN_FIRMWARE_UPDATE, &[&[SERVER], &b"NjY2Njk"[..]].concat())[0], OK);
-    bench.wait_for("first read", 1000, |bench| bench.server.requests > 0);
-    assert_eq!(bench.next_mode(), SOFTWARE_UPDATE);
-    bench.wait_for_program(10_000);
-}
-
 /// ArduPilot does not arm with a node that is not OPERATIONAL. The uptime is the program's: the
 /// loader counts anew.
 #[test]
