@@ -2,6 +2,7 @@
 //!
 //! Layouts from the public DSDL; little endian, float16 by the crate `half`.
 
+use crate::fields::payload;
 use crate::text::numbered;
 use half::f16;
 use std::fmt;
@@ -21,39 +22,13 @@ numbered! {
     }
 }
 
-/// One element of equipment.actuator.ArrayCommand: id u8 | type u8 | value float16.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ActuatorCommand {
-    pub actuator: u8,
-    pub unit: CommandUnit,
-    pub value: f16,
-}
-
-/// Length of one command in an ArrayCommand, in bytes.
-const COMMAND_BYTES: usize = 4;
-
-impl ActuatorCommand {
-    /// The commands in a payload; `None` unless it has 0 to 15 complete ones.
-    pub fn decode_array(payload: &[u8]) -> Option<Vec<ActuatorCommand>> {
-        let (commands, rest) = payload.as_chunks::<COMMAND_BYTES>();
-        if !rest.is_empty() || commands.len() > 15 {
-            return None;
-        }
-        let decode = |&[actuator, unit, low, high]: &[u8; COMMAND_BYTES]| ActuatorCommand {
-            actuator,
-            unit: CommandUnit::from_field(unit),
-            value: f16::from_le_bytes([low, high]),
-        };
-        Some(commands.iter().map(decode).collect())
-    }
-
-    /// The payload of an ArrayCommand.
-    pub fn encode_array(commands: &[ActuatorCommand]) -> Vec<u8> {
-        let encode = |command: &ActuatorCommand| {
-            let [low, high] = command.value.to_le_bytes();
-            [command.actuator, command.unit.field(), low, high]
-        };
-        commands.iter().flat_map(encode).collect()
+payload! {
+    /// One element of equipment.actuator.ArrayCommand.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct ActuatorCommand [15] {
+        pub actuator: u8,
+        pub unit: CommandUnit,
+        pub value: f16,
     }
 }
 
@@ -69,42 +44,17 @@ impl fmt::Display for ActuatorCommand {
     }
 }
 
-/// equipment.actuator.Status: `id u8 | position f16 | force f16 | speed f16 | power_percent[6:0]`.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ActuatorStatus {
-    pub actuator: u8,
-    pub position: f16,
-    pub force: f16,
-    pub speed: f16,
-    /// 0 to 100; 127 means unknown.
-    pub power_percent: u8,
-}
-
-const POWER_MASK: u8 = 0x7F;
-
-impl ActuatorStatus {
-    /// `None` unless the payload has eight bytes.
-    pub fn decode(payload: &[u8]) -> Option<ActuatorStatus> {
-        let &[actuator, p0, p1, f0, f1, s0, s1, power] = payload else {
-            return None;
-        };
-        Some(ActuatorStatus {
-            actuator,
-            position: f16::from_le_bytes([p0, p1]),
-            force: f16::from_le_bytes([f0, f1]),
-            speed: f16::from_le_bytes([s0, s1]),
-            power_percent: power & POWER_MASK,
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = vec![self.actuator];
-        for value in [self.position, self.force, self.speed] {
-            payload.extend(value.to_le_bytes());
-        }
-        payload.push(self.power_percent & POWER_MASK);
-        payload
+payload! {
+    /// equipment.actuator.Status.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct ActuatorStatus {
+        pub actuator: u8,
+        pub position: f16,
+        pub force: f16,
+        pub speed: f16,
+        void 1,
+        /// 0 to 100; 127 means unknown.
+        pub power_percent: u8 as 7,
     }
 }
 

@@ -3,70 +3,22 @@
 //!
 //! Layouts from the public DSDL, little endian.
 
+use super::fields::payload;
 use super::id::UNIQUE_ID_LEN;
 use super::text::{flags, hex};
 use half::f16;
 use std::fmt;
 
-/// A payload of numbers, little endian, one after the other.
-macro_rules! numbers {
-    ($(#[$doc:meta])* pub struct $name:ident {
-        $($(#[$about:meta])* pub $field:ident: $number:ident,)*
-    }) => {
-        $(#[$doc])*
-        pub struct $name {
-            $($(#[$about])* pub $field: $number,)*
-        }
-
-        impl $name {
-            /// `None` unless the payload has the length of the numbers.
-            pub fn decode(payload: &[u8]) -> Option<$name> {
-                let mut rest = payload;
-                $(
-                    let (bytes, after) = rest.split_first_chunk()?;
-                    let $field = $number::from_le_bytes(*bytes);
-                    rest = after;
-                )*
-                rest.is_empty().then_some($name { $($field),* })
-            }
-
-            /// The payload.
-            pub fn encode(&self) -> Vec<u8> {
-                [$(&self.$field.to_le_bytes()[..]),*].concat()
-            }
-        }
-    };
-}
-
-/// protocol.dynamic_node_id.Allocation: `node ID u7 | first part bool | unique ID`. Bits fill the
-/// first byte from its most significant bit.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Allocation {
-    /// The requested or granted ID; 0 in a request means any, in an answer none yet.
-    pub node_id: u8,
-    /// True in the request with the first part of the unique ID.
-    pub first_part: bool,
-    /// In a request the next part; in an answer all parts so far.
-    pub unique_id: Vec<u8>,
-}
-
-impl Allocation {
-    /// `None` if the payload is empty or longer than a unique ID allows.
-    pub fn decode(payload: &[u8]) -> Option<Allocation> {
-        let (first, unique_id) = payload.split_first()?;
-        let fits = unique_id.len() <= UNIQUE_ID_LEN;
-        fits.then(|| Allocation {
-            node_id: first >> 1,
-            first_part: first & 1 != 0,
-            unique_id: unique_id.to_vec(),
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = vec![self.node_id << 1 | u8::from(self.first_part)];
-        payload.extend(&self.unique_id);
-        payload
+payload! {
+    /// protocol.dynamic_node_id.Allocation.
+    #[derive(Clone, Debug, Default, PartialEq, Eq)]
+    pub struct Allocation {
+        /// The requested or granted ID; 0 in a request means any, in an answer none yet.
+        pub node_id: u8 as 7,
+        /// True in the request with the first part of the unique ID.
+        pub first_part: bool as 1,
+        /// In a request the next part; in an answer all parts so far.
+        pub unique_id: Vec<u8> as UNIQUE_ID_LEN as u32,
     }
 }
 
@@ -82,46 +34,17 @@ impl fmt::Display for Allocation {
     }
 }
 
-/// One element of equipment.indication.LightsCommand: `light u8 | red u5 | green u6 | blue u5`. The
-/// colours fill two bytes from the most significant bit.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LightCommand {
-    pub light: u8,
-    /// 0 to 31.
-    pub red: u8,
-    /// 0 to 63.
-    pub green: u8,
-    /// 0 to 31.
-    pub blue: u8,
-}
-
-const LIGHT_BYTES: usize = 3;
-const LIGHTS_MAX: usize = 20;
-
-impl LightCommand {
-    /// The commands in a payload; `None` unless it has 0 to 20 complete ones.
-    pub fn decode_array(payload: &[u8]) -> Option<Vec<LightCommand>> {
-        let (commands, rest) = payload.as_chunks::<LIGHT_BYTES>();
-        let decode = |&[light, high, low]: &[u8; LIGHT_BYTES]| LightCommand {
-            light,
-            red: high >> 3,
-            green: (high & 7) << 3 | low >> 5,
-            blue: low & 0x1F,
-        };
-        (rest.is_empty() && commands.len() <= LIGHTS_MAX)
-            .then(|| commands.iter().map(decode).collect())
-    }
-
-    /// The payload of a LightsCommand.
-    pub fn encode_array(commands: &[LightCommand]) -> Vec<u8> {
-        let encode = |command: &LightCommand| {
-            [
-                command.light,
-                command.red << 3 | command.green >> 3,
-                command.green << 5 | command.blue & 0x1F,
-            ]
-        };
-        commands.iter().flat_map(encode).collect()
+payload! {
+    /// One element of equipment.indication.LightsCommand.
+    #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+    pub struct LightCommand [20] {
+        pub light: u8,
+        /// 0 to 31.
+        pub red: u8 as 5,
+        /// 0 to 63.
+        pub green: u8 as 6,
+        /// 0 to 31.
+        pub blue: u8 as 5,
     }
 }
 
@@ -131,7 +54,7 @@ impl fmt::Display for LightCommand {
     }
 }
 
-numbers! {
+payload! {
     /// equipment.power.CircuitStatus, in volts and amperes.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct CircuitStatus {
@@ -166,7 +89,7 @@ impl fmt::Display for CircuitStatus {
     }
 }
 
-numbers! {
+payload! {
     /// equipment.hardpoint.Status: the weight is in newtons; a status of 0 is released, 1 and above
     /// held.
     #[derive(Clone, Copy, Debug, PartialEq)]
@@ -188,7 +111,7 @@ impl fmt::Display for HardpointStatus {
     }
 }
 
-numbers! {
+payload! {
     /// equipment.hardpoint.Command: a command of 0 is to release, 1 and above to hold.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct HardpointCommand {
@@ -212,43 +135,21 @@ pub fn hardpoint_text(command: u16) -> String {
     }
 }
 
-/// equipment.device.Temperature: device u16 | kelvin f16 | flags u8 (1 too hot, 2 too cold).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Temperature {
-    pub device: u16,
-    pub kelvin: f16,
-    pub over: bool,
-    pub under: bool,
+payload! {
+    /// equipment.device.Temperature.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct Temperature {
+        pub device: u16,
+        pub kelvin: f16,
+        void 6,
+        pub under: bool as 1,
+        pub over: bool as 1,
+    }
 }
 
-const FLAG_OVER: u8 = 1 << 0;
-const FLAG_UNDER: u8 = 1 << 1;
 const ZERO_CELSIUS_K: f32 = 273.15;
 
 impl Temperature {
-    /// `None` unless the payload has five bytes.
-    pub fn decode(payload: &[u8]) -> Option<Temperature> {
-        let &[d0, d1, k0, k1, flags] = payload else {
-            return None;
-        };
-        Some(Temperature {
-            device: u16::from_le_bytes([d0, d1]),
-            kelvin: f16::from_le_bytes([k0, k1]),
-            over: flags & FLAG_OVER != 0,
-            under: flags & FLAG_UNDER != 0,
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = self.device.to_le_bytes().to_vec();
-        payload.extend(self.kelvin.to_le_bytes());
-        let over = if self.over { FLAG_OVER } else { 0 };
-        let under = if self.under { FLAG_UNDER } else { 0 };
-        payload.push(over | under);
-        payload
-    }
-
     /// The temperature in degrees Celsius.
     pub fn celsius(&self) -> f32 {
         self.kelvin.to_f32() - ZERO_CELSIUS_K
@@ -269,7 +170,7 @@ impl fmt::Display for Temperature {
     }
 }
 
-numbers! {
+payload! {
     /// dronecan.sensors.rpm.RPM: revolutions a minute.
     #[derive(Clone, Copy, Debug, PartialEq)]
     pub struct Rpm {
@@ -300,7 +201,7 @@ impl fmt::Display for Rpm {
     }
 }
 
-numbers! {
+payload! {
     /// dronecan.protocol.CanStats.
     #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
     pub struct CanStats {
@@ -386,25 +287,12 @@ impl fmt::Display for LogMessage {
     }
 }
 
-/// protocol.debug.KeyValue: `value f32 | key`.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct KeyValue {
-    pub value: f32,
-    pub key: Vec<u8>,
-}
-
-impl KeyValue {
-    /// `None` if the payload is too short.
-    pub fn decode(payload: &[u8]) -> Option<KeyValue> {
-        let (value, key) = payload.split_first_chunk()?;
-        Some(KeyValue { value: f32::from_le_bytes(*value), key: key.to_vec() })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = self.value.to_le_bytes().to_vec();
-        payload.extend(&self.key);
-        payload
+payload! {
+    /// protocol.debug.KeyValue.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    pub struct KeyValue {
+        pub value: f32,
+        pub key: Vec<u8>,
     }
 }
 
@@ -414,7 +302,7 @@ impl fmt::Display for KeyValue {
     }
 }
 
-numbers! {
+payload! {
     /// ardupilot.indication.Button.
     #[derive(Clone, Copy, Debug, PartialEq, Eq)]
     pub struct Button {

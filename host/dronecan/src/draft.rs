@@ -12,7 +12,6 @@
 //! commit it also has a unit of four bits. ExecuteOpcode 598 has only a name, because its
 //! definition of that date is not available.
 
-mod bits;
 pub mod id;
 pub mod message;
 mod parameters;

@@ -19,12 +19,14 @@
 
 pub mod actuator;
 pub mod battery;
+mod bits;
 pub mod broadcast;
 pub mod crc;
 pub mod dialect;
 mod dispatch;
 pub mod draft;
 pub mod esc;
+mod fields;
 #[cfg(not(target_family = "wasm"))]
 pub mod help;
 pub mod id;

@@ -3,8 +3,10 @@
 //! Layouts from the public DSDL (uavcan/protocol and uavcan/protocol/param), little endian. Every
 //! field begins at a byte boundary; void bits precede fields that are shorter than a byte.
 
+use super::bits::{Reader, Writer};
+use super::fields::{Field, encode, payload};
 use super::id::UNIQUE_ID_LEN;
-use super::status::{NodeStatus, StatusField};
+use super::status::NodeStatus;
 use super::text::hex;
 use std::fmt;
 
@@ -21,12 +23,6 @@ fn take<const N: usize>(bytes: &mut &[u8]) -> Option<[u8; N]> {
 
 fn byte(bytes: &mut &[u8]) -> Option<u8> {
     take::<1>(bytes).map(|[byte]| byte)
-}
-
-/// A number of 48 bits.
-fn uint48(bytes: &mut &[u8]) -> Option<u64> {
-    take::<6>(bytes)
-        .map(|[b0, b1, b2, b3, b4, b5]| u64::from_le_bytes([b0, b1, b2, b3, b4, b5, 0, 0]))
 }
 
 /// protocol.GetNodeInfo, response: `NodeStatus | SoftwareVersion | HardwareVersion | name`. All but
@@ -47,12 +43,12 @@ pub struct NodeInfo<S = NodeStatus> {
 const FLAG_COMMIT: u8 = 1 << 0;
 const FLAG_CRC: u8 = 1 << 1;
 
-impl<S: StatusField> NodeInfo<S> {
+impl<S: Field> NodeInfo<S> {
     /// `None` if the payload is too short.
     pub fn decode(payload: &[u8]) -> Option<NodeInfo<S>> {
-        let (status, mut rest) = payload.split_at_checked(S::LEN)?;
-        let status = S::read(status)?;
-        let rest = &mut rest;
+        let mut bits = Reader::new(payload);
+        let status = S::take(&mut bits, S::BITS)?;
+        let rest = &mut &bits.rest()[..];
         let software = (byte(rest)?, byte(rest)?);
         let flags = byte(rest)?;
         let commit = u32::from_le_bytes(take(rest)?);
@@ -75,7 +71,7 @@ impl<S: StatusField> NodeInfo<S> {
 
     /// The payload.
     pub fn encode(&self) -> Vec<u8> {
-        let mut payload = self.status.bytes();
+        let mut payload = encode(&self.status);
         payload.extend([self.software.0, self.software.1]);
         let flag = |given: bool, flag: u8| if given { flag } else { 0 };
         payload.push(
@@ -115,7 +111,8 @@ impl<S> fmt::Display for NodeInfo<S> {
     }
 }
 
-/// protocol.param.Value and NumericValue: a union. The tag is in the lowest bits of its first byte.
+/// protocol.param.Value and NumericValue: a tag, and what it says. That of a NumericValue has
+/// two bits.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Value {
     #[default]
@@ -126,55 +123,49 @@ pub enum Value {
     Text(Vec<u8>),
 }
 
-const TAG_EMPTY: u8 = 0;
-const TAG_INTEGER: u8 = 1;
-const TAG_REAL: u8 = 2;
-const TAG_BOOLEAN: u8 = 3;
-const TAG_TEXT: u8 = 4;
-/// Masks of the tag. A NumericValue has only the first three types.
-const TAG_MASK: u8 = 0x07;
-const NUMERIC_TAG_MASK: u8 = 0x03;
+impl Field for Value {
+    const BITS: u32 = 3;
 
-impl Value {
-    fn decode(tag: u8, bytes: &mut &[u8]) -> Option<Value> {
-        Some(match tag {
-            TAG_EMPTY => Value::Empty,
-            TAG_INTEGER => Value::Integer(i64::from_le_bytes(take(bytes)?)),
-            TAG_REAL => Value::Real(f32::from_le_bytes(take(bytes)?)),
-            TAG_BOOLEAN => Value::Boolean(byte(bytes)? != 0),
-            TAG_TEXT => {
-                let len = usize::from(byte(bytes)?);
-                let (text, rest) = bytes.split_at_checked(len)?;
-                *bytes = rest;
-                Value::Text(text.to_vec())
+    fn take(from: &mut Reader<'_>, bits: u32) -> Option<Value> {
+        Some(match from.take(bits)? {
+            0 => Value::Empty,
+            1 => Value::Integer(from.take(64)? as i64),
+            2 => Value::Real(f32::take(from, 32)?),
+            3 => Value::Boolean(bool::take(from, 8)?),
+            4 => {
+                let len = from.take(8)? as usize;
+                Value::Text(from.take_bytes(len)?)
             }
             _ => return None,
         })
     }
 
-    fn tag(&self) -> u8 {
+    fn put(&self, to: &mut Writer, bits: u32) {
+        let mut tag = |number| to.put(number, bits);
         match self {
-            Value::Empty => TAG_EMPTY,
-            Value::Integer(_) => TAG_INTEGER,
-            Value::Real(_) => TAG_REAL,
-            Value::Boolean(_) => TAG_BOOLEAN,
-            Value::Text(_) => TAG_TEXT,
-        }
-    }
-
-    fn encode(&self, payload: &mut Vec<u8>) {
-        match self {
-            Value::Empty => {}
-            Value::Integer(number) => payload.extend(number.to_le_bytes()),
-            Value::Real(number) => payload.extend(number.to_le_bytes()),
-            Value::Boolean(boolean) => payload.push(u8::from(*boolean)),
+            Value::Empty => tag(0),
+            Value::Integer(number) => {
+                tag(1);
+                to.put(*number as u64, 64);
+            }
+            Value::Real(number) => {
+                tag(2);
+                number.put(to, 32);
+            }
+            Value::Boolean(boolean) => {
+                tag(3);
+                boolean.put(to, 8);
+            }
             Value::Text(text) => {
-                payload.push(text.len() as u8);
-                payload.extend(text);
+                tag(4);
+                to.put(text.len() as u64, 8);
+                to.put_bytes(text);
             }
         }
     }
+}
 
+impl Value {
     /// True if there is no value.
     pub fn is_empty(&self) -> bool {
         *self == Value::Empty
@@ -193,35 +184,14 @@ impl fmt::Display for Value {
     }
 }
 
-/// protocol.param.GetSet, request: `index u13 | value | name`. If there is a name, it is used and
-/// not the index. An empty value only reads.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ParameterRequest {
-    pub index: u16,
-    pub value: Value,
-    pub name: Vec<u8>,
-}
-
-impl ParameterRequest {
-    /// `None` if the payload is too short or the type of the value unknown.
-    pub fn decode(mut payload: &[u8]) -> Option<ParameterRequest> {
-        let rest = &mut payload;
-        let [low, high] = take(rest)?;
-        let value = Value::decode(high & TAG_MASK, rest)?;
-        Some(ParameterRequest {
-            index: u16::from(high >> 3) << 8 | u16::from(low),
-            value,
-            name: rest.to_vec(),
-        })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let [low, high] = self.index.to_le_bytes();
-        let mut payload = vec![low, high << 3 | self.value.tag()];
-        self.value.encode(&mut payload);
-        payload.extend(&self.name);
-        payload
+payload! {
+    /// protocol.param.GetSet, request. If there is a name, it is used and not the index. An empty
+    /// value only reads.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    pub struct ParameterRequest {
+        pub index: u16 as 13,
+        pub value: Value,
+        pub name: Vec<u8>,
     }
 }
 
@@ -236,45 +206,23 @@ impl fmt::Display for ParameterRequest {
     }
 }
 
-/// protocol.param.GetSet, response: `value | default | maximum | minimum | name`. All are empty if
-/// the parameter does not exist.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ParameterResponse {
-    pub value: Value,
-    pub default: Value,
-    pub max: Value,
-    pub min: Value,
-    pub name: Vec<u8>,
+payload! {
+    /// protocol.param.GetSet, response. All are empty if the parameter does not exist.
+    #[derive(Clone, Debug, Default, PartialEq)]
+    pub struct ParameterResponse {
+        void 5,
+        pub value: Value,
+        void 5,
+        pub default: Value,
+        void 6,
+        pub max: Value as 2,
+        void 6,
+        pub min: Value as 2,
+        pub name: Vec<u8>,
+    }
 }
 
 impl ParameterResponse {
-    /// `None` if the payload is too short or the type of the value unknown.
-    pub fn decode(mut payload: &[u8]) -> Option<ParameterResponse> {
-        let rest = &mut payload;
-        let mut value = |mask: u8| {
-            let tag = byte(rest)? & mask;
-            Value::decode(tag, rest)
-        };
-        let (value, default, max, min) = (
-            value(TAG_MASK)?,
-            value(TAG_MASK)?,
-            value(NUMERIC_TAG_MASK)?,
-            value(NUMERIC_TAG_MASK)?,
-        );
-        Some(ParameterResponse { value, default, max, min, name: rest.to_vec() })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = Vec::new();
-        for value in [&self.value, &self.default, &self.max, &self.min] {
-            payload.push(value.tag());
-            value.encode(&mut payload);
-        }
-        payload.extend(&self.name);
-        payload
-    }
-
     /// The name as text.
     pub fn name(&self) -> String {
         text(&self.name)
@@ -374,28 +322,17 @@ pub(crate) fn encode_restarted(ok: &bool) -> Vec<u8> {
     vec![if *ok { OK } else { 0 }]
 }
 
-/// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 |
-/// text`.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct NumberAndText {
-    pub number: u8,
-    pub text: Vec<u8>,
+payload! {
+    /// protocol.file.BeginFirmwareUpdate, request: `source node u8 | path`; response: `error u8 |
+    /// text`.
+    #[derive(Clone, Debug, Default, PartialEq, Eq)]
+    pub struct NumberAndText {
+        pub number: u8,
+        pub text: Vec<u8>,
+    }
 }
 
 impl NumberAndText {
-    /// `None` if the payload is empty.
-    pub fn decode(payload: &[u8]) -> Option<NumberAndText> {
-        let (number, text) = payload.split_first()?;
-        Some(NumberAndText { number: *number, text: text.to_vec() })
-    }
-
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = vec![self.number];
-        payload.extend(&self.text);
-        payload
-    }
-
     /// The text.
     pub fn text(&self) -> String {
         text(&self.text)
@@ -426,43 +363,26 @@ pub(crate) fn write_result(f: &mut fmt::Formatter<'_>, result: &NumberAndText) -
 /// Counters of one interface: frames sent, frames received, errors.
 pub type InterfaceStats = [u64; 3];
 
-/// protocol.GetTransportStats, response: three numbers of 48 bits, and three more for each
-/// interface.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct TransportStats {
-    pub transfers_tx: u64,
-    pub transfers_rx: u64,
-    pub transfer_errors: u64,
-    pub interfaces: Vec<InterfaceStats>,
+payload! {
+    /// protocol.GetTransportStats, response.
+    #[derive(Clone, Debug, Default, PartialEq, Eq)]
+    pub struct TransportStats {
+        pub transfers_tx: u64 as 48,
+        pub transfers_rx: u64 as 48,
+        pub transfer_errors: u64 as 48,
+        pub interfaces: Vec<InterfaceStats> as 3,
+    }
 }
 
-/// Maximum number of interfaces of a node.
-const INTERFACES_MAX: usize = 3;
+impl Field for InterfaceStats {
+    const BITS: u32 = 48;
 
-impl TransportStats {
-    /// `None` if the payload is incomplete.
-    pub fn decode(mut payload: &[u8]) -> Option<TransportStats> {
-        let rest = &mut payload;
-        let mut stats = TransportStats {
-            transfers_tx: uint48(rest)?,
-            transfers_rx: uint48(rest)?,
-            transfer_errors: uint48(rest)?,
-            interfaces: Vec::new(),
-        };
-        while !rest.is_empty() {
-            stats.interfaces.push([uint48(rest)?, uint48(rest)?, uint48(rest)?]);
-        }
-        (stats.interfaces.len() <= INTERFACES_MAX).then_some(stats)
+    fn take(from: &mut Reader<'_>, bits: u32) -> Option<InterfaceStats> {
+        Some([from.take(bits)?, from.take(bits)?, from.take(bits)?])
     }
 
-    /// The payload.
-    pub fn encode(&self) -> Vec<u8> {
-        let mut payload = Vec::new();
-        let transfers = [self.transfers_tx, self.transfers_rx, self.transfer_errors];
-        for number in [transfers].iter().chain(&self.interfaces).flatten() {
-            payload.extend(&number.to_le_bytes()[..6]);
-        }
-        payload
+    fn put(&self, to: &mut Writer, bits: u32) {
+        self.iter().for_each(|number| to.put(*number, bits));
     }
 }
 

@@ -142,6 +142,13 @@ fn what_is_unknown_cut_or_wrong_is_shown_or_rejected() {
     assert_eq!(text, "debug.LogMessage ERROR from esc: hot\\x1b");
     assert_eq!(LogMessage::decode(&[0x25, b'a']), None, "the source is cut");
     assert_eq!(NotifyState::decode(&[0, 3, 1, 2, 0, 0, 0, 0, 0, 0, 0, 0]), None, "no state");
+    assert_eq!(NodeStatus::decode(&[0; 8]), None, "a byte too many");
+    assert_eq!(Allocation::decode(&[0; 18]), None, "more than a unique ID");
+    assert_eq!(BatteryInfo::decode(&[0; 23 + 32]), None, "the name is too long");
+    let stats =
+        |interfaces: usize| TransportStats::decode(&vec![0; 18 * (1 + interfaces)]).is_some();
+    assert_eq!([3, 4].map(stats), [true, false], "at most three interfaces");
+    assert!(Temperature::decode(&[0, 0, 0, 0, 1]).unwrap().over);
     let lengths: Vec<usize> = (0..=20).map(|count| (14usize * count).div_ceil(8)).collect();
     for length in (0..=40).filter(|length| !lengths.contains(length)) {
         assert_eq!(esc::decode_commands(&vec![0; length]), None, "{length} bytes");

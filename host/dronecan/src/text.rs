@@ -100,6 +100,10 @@ macro_rules! numbered {
             }
         }
 
+        $crate::fields::as_number! {
+            $name: u8, |field| Some($name::from_field(field)), $name::field;
+        }
+
         impl fmt::Display for $name {
             fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
                 match self {

@@ -1,18 +1,19 @@
 //! Payloads of the draft that are decoded completely, and their text for the traffic view.
 
-use super::bits::{Reader, Writer};
 use super::id::TransferType;
 use super::parameters;
 use super::table::table;
 use super::transfer::Transfer;
 use super::types::{self, DataType};
+use crate::bits::{Reader, Writer};
 use crate::broadcast::{decode_byte, encode_byte};
 use crate::dispatch::{decode, encode, message_enum, write_fields};
+use crate::fields::{Field, payload};
 use crate::management::{
     self, ParameterRequest, ParameterResponse, decode_restart, decode_restarted, encode_restart,
     encode_restarted, write_magic, write_ok,
 };
-use crate::status::{Health, Mode, StatusField};
+use crate::status::{Health, Mode};
 use crate::text::{display, list, numbered};
 use crate::types::Kind;
 use half::f16;
@@ -71,14 +72,14 @@ impl NodeStatus {
     pub fn decode(payload: &[u8]) -> Option<NodeStatus> {
         let mut bits = Reader::new(payload);
         let uptime_s = bits.take(UPTIME_BITS)? as u32;
-        let code = StatusCode::from_field(bits.take(CODE_BITS)? as u8);
-        let vendor_code = match payload {
-            [_, _, _, _] => VendorCode::None,
-            [_, _, _, _, low, high] => VendorCode::Short(u16::from_le_bytes([*low, *high])),
-            [_, _, _, _, _, low, high] => VendorCode::Short(u16::from_le_bytes([*low, *high])),
-            [_, _, _, _, b0, b1, b2, b3] => {
-                VendorCode::Long(u32::from_le_bytes([*b0, *b1, *b2, *b3]))
-            }
+        let code = StatusCode::take(&mut bits, CODE_BITS)?;
+        if payload.len() == 7 {
+            bits.take(8)?;
+        }
+        let vendor_code = match payload.len() {
+            4 => VendorCode::None,
+            6 | 7 => VendorCode::Short(u16::take(&mut bits, 16)?),
+            8 => VendorCode::Long(u32::take(&mut bits, 32)?),
             _ => return None,
         };
         Some(NodeStatus { uptime_s, code, vendor_code })
@@ -87,8 +88,8 @@ impl NodeStatus {
     /// The payload: four, six or eight bytes, depending on the vendor code.
     pub fn encode(&self) -> Vec<u8> {
         let mut bits = Writer::default();
-        bits.put(u64::from(self.uptime_s), UPTIME_BITS);
-        bits.put(u64::from(self.code.field()), CODE_BITS);
+        self.uptime_s.put(&mut bits, UPTIME_BITS);
+        self.code.put(&mut bits, CODE_BITS);
         match self.vendor_code {
             VendorCode::None => {}
             VendorCode::Short(code) => bits.put(u64::from(code), 16),
@@ -130,52 +131,33 @@ impl From<NodeStatus> for crate::NodeStatus {
 }
 
 /// In a GetNodeInfo response the status has six bytes.
-impl StatusField for NodeStatus {
-    const LEN: usize = 6;
+impl Field for NodeStatus {
+    const BITS: u32 = 48;
 
-    fn read(bytes: &[u8]) -> Option<NodeStatus> {
-        NodeStatus::decode(bytes)
+    fn take(from: &mut Reader<'_>, _: u32) -> Option<NodeStatus> {
+        Some(NodeStatus {
+            uptime_s: u32::take(from, UPTIME_BITS)?,
+            code: StatusCode::take(from, CODE_BITS)?,
+            vendor_code: VendorCode::Short(u16::take(from, 16)?),
+        })
     }
 
-    fn bytes(&self) -> Vec<u8> {
-        NodeStatus { vendor_code: VendorCode::Short(self.vendor_code.low()), ..*self }.encode()
+    fn put(&self, to: &mut Writer, _: u32) {
+        self.uptime_s.put(to, UPTIME_BITS);
+        self.code.put(to, CODE_BITS);
+        self.vendor_code.low().put(to, 16);
     }
 }
 
 /// protocol.GetNodeInfo, response.
 pub type NodeInfo = management::NodeInfo<NodeStatus>;
 
-/// One element of equipment.actuator.ArrayCommand: `actuator u8 | command f16`. A servo's command
-/// is -1 to +1.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ActuatorCommand {
-    pub actuator: u8,
-    pub value: f16,
-}
-
-const COMMAND_LEN: usize = 3;
-/// Maximum number of commands in one message.
-const COMMANDS_MAX: usize = 31;
-
-impl ActuatorCommand {
-    /// The commands in a payload; `None` unless it has 0 to 31 complete ones.
-    pub fn decode_array(payload: &[u8]) -> Option<Vec<ActuatorCommand>> {
-        let (commands, rest) = payload.as_chunks::<COMMAND_LEN>();
-        let decode = |&[actuator, low, high]: &[u8; COMMAND_LEN]| ActuatorCommand {
-            actuator,
-            value: f16::from_le_bytes([low, high]),
-        };
-        (rest.is_empty() && commands.len() <= COMMANDS_MAX)
-            .then(|| commands.iter().map(decode).collect())
-    }
-
-    /// The payload of an ArrayCommand.
-    pub fn encode_array(commands: &[ActuatorCommand]) -> Vec<u8> {
-        let encode = |command: &ActuatorCommand| {
-            let [low, high] = command.value.to_le_bytes();
-            [command.actuator, low, high]
-        };
-        commands.iter().flat_map(encode).collect()
+payload! {
+    /// One element of equipment.actuator.ArrayCommand. A servo's command is -1 to +1.
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    pub struct ActuatorCommand [31] {
+        pub actuator: u8,
+        pub value: f16,
     }
 }
 

@@ -10,7 +10,7 @@
 //! If several lists have a value, the first is used; if none has, the Value is empty. The layout is
 //! the one with signature 0xDD4BB39E5963C2C1.
 
-use super::bits::{Reader, Writer};
+use crate::bits::{Reader, Writer};
 use crate::management::{ParameterRequest, ParameterResponse, Value};
 
 /// Width of the length of a list of at most one element, and of a string.
@@ -61,7 +61,7 @@ fn take_value(bits: &mut Reader<'_>) -> Option<Value> {
     Some(found.into_iter().next().unwrap_or_default())
 }
 
-fn take_name(bits: Reader<'_>) -> Option<Vec<u8>> {
+fn take_name(mut bits: Reader<'_>) -> Option<Vec<u8>> {
     Some(bits.rest()).filter(|name| name.len() <= NAME_MAX)
 }
 

@@ -72,9 +72,14 @@ impl<'a> Reader<'a> {
     }
 
     /// All remaining whole bytes.
-    pub fn rest(mut self) -> Vec<u8> {
+    pub fn rest(&mut self) -> Vec<u8> {
         let count = (self.bytes.len() * 8 - self.taken) / 8;
         self.take_bytes(count).unwrap_or_default()
+    }
+
+    /// True if all are read.
+    pub fn is_empty(&self) -> bool {
+        self.taken == self.bytes.len() * 8
     }
 
     fn bit(&mut self) -> Option<bool> {
