@@ -181,11 +181,9 @@ firmwares: third-party
 	@scripts/firmware $(UNO) full default tunnel relay rpm outputs,rpm
 	@scripts/firmware $(UNO_MODULE) full
 	$(if $(BOARD)$(SHIELD),@scripts/firmware $(WIRING) '' $(SHIPPED) && scripts/boot $(WIRING))
-# Cargo unites features over the programs of one call: the one that needs another feature has its own.
 ## programs on the drivers of others (docs/sketch.md)
 third-party: setup-build
-	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do cargo build $$options -p third-party; \
-		cargo build $$options -p third-party --features wrong-rxb1 --bin third-party-mcp25xx-wrong-rxb1; done
+	@set -e; for options in "$(AVR)" "$(AVR_328P)"; do cargo build $$options -p third-party; done
 # All are in each call: so cargo builds the simulator with one set of features, once.
 TESTED := $(addprefix -p ,avr-bounds boot bridge fuzz-harness mcp2515-ordered dronecan-wire \
 	dronecan-host can-frame own-node sim-base can-model mcp2515-model node-tools \
@@ -277,7 +275,7 @@ lint: setup-test sources $(VENV)/installed
 	set -e; for board in "$(RP2040)" "$(STM32F103)"; do cargo clippy $$board -- -D warnings; done
 	set -e; for preset in default remote full; do \
 		cargo clippy $(AVR) $(PROGRAM) $$(scripts/firmware --cargo $$preset) -- -D warnings; done
-	cargo clippy $(AVR) -p boot -p third-party --features third-party/wrong-rxb1 -- -D warnings
+	cargo clippy $(AVR) -p boot -p third-party -- -D warnings
 	NODE_BOARD=uno NODE_SHIELD=module cargo clippy $(AVR_328P) $(PROGRAM) --features full -- -D warnings
 	cargo clippy --workspace --all-targets -- -D warnings
 	cargo clippy -p web -p dronecan-host -p node-tools --lib --target wasm32-unknown-unknown \

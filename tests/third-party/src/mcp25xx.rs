@@ -1,9 +1,4 @@
 //! The job with the crate `mcp25xx`, unchanged from crates.io, with the crate's own bit timing.
-//!
-//! The program `third-party-mcp25xx-wrong-rxb1` has the crate's feature `mcp2515`. It enables READ
-//! RX BUFFER, but sends 0x92 (RXB0, from D0 on) instead of 0x94 (RXB1, from SIDH on): DS20001801,
-//! table 12-1 and figure 12-3. Cargo gives a feature to all programs of a call, so this one has its
-//! own.
 
 use crate::board::{self, CanBoard, CanSpi, Delay};
 use crate::job::{self, Driver, FILTERS, MASK_0, MASK_1, Received};

@@ -1,12 +1,10 @@
-//! The test stand: a firmware with a third-party driver on a board, a peer that sends to it, and a
-//! recorder on its SPI.
+//! The test stand: a firmware with a third-party driver on a board, and a peer that sends to it.
 //!
 //! This file repeats the constants of the firmwares (`tests/third-party/src/job.rs`) on purpose, so
 //! that an error there shows.
 
-use bench::Cycles;
-use bench::board::{Board, WireEvent};
-use bench::can::{Fault, Frame, Id, SoftNode};
+use bench::board::Board;
+use bench::can::{Frame, Id, SoftNode};
 use bench::mcp2515::{LoggedFrame, Mcp2515};
 use bench::wiring::Wiring;
 use bench::{Bench, target_dir};
@@ -15,12 +13,11 @@ use std::path::PathBuf;
 use std::rc::Rc;
 
 /// Identifier of the frames that the firmware sends periodically.
-pub const COUNTER_ID: Id = Id::Extended(0x18C0_FFEE);
+const COUNTER_ID: Id = Id::Extended(0x18C0_FFEE);
 /// Time in which the firmware answers and reports three frames; one frame takes 3.3 ms.
-pub const SERVED_MS: u64 = 12;
+const SERVED_MS: u64 = 12;
 
 const BOOT_LIMIT_MS: u64 = 50;
-const CYCLES_PER_MS: u64 = 16_000;
 
 /// A firmware with a third-party driver.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -29,8 +26,6 @@ pub enum ThirdParty {
     Mcp2515,
     /// With the crate `mcp25xx` 0.4.
     Mcp25xx,
-    /// With the crate `mcp25xx` 0.4 and its feature `mcp2515`.
-    Mcp25xxWrongRxb1,
 }
 
 /// The Arduino and the CAN board on which a firmware runs: a shield with CS on D9, 16 MHz and 1
@@ -47,7 +42,6 @@ impl ThirdParty {
         let name = match self {
             ThirdParty::Mcp2515 => "third-party-mcp2515-crate",
             ThirdParty::Mcp25xx => "third-party-mcp25xx-crate",
-            ThirdParty::Mcp25xxWrongRxb1 => "third-party-mcp25xx-wrong-rxb1",
         };
         let suffix = if wiring.shield_name() == "module" { "-module" } else { "" };
         let file = format!("avr-{}/firmware/{name}{suffix}.elf", wiring.chip.name());
@@ -58,15 +52,13 @@ impl ThirdParty {
 }
 
 /// A line that the firmware sends on its serial port.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, PartialEq)]
 pub enum Report {
     Configured,
-    /// A frame that the crate returned, and the CPU cycles of its call.
-    Received(Frame, u64),
-    /// The crate returned an error for a received frame.
-    Rejected,
-    /// The crate returned an error for a frame to send.
-    NotSent,
+    /// A frame that the crate returned.
+    Received(Frame),
+    /// The crate returned an error.
+    Failed,
 }
 
 impl Report {
@@ -74,24 +66,12 @@ impl Report {
         let words: Vec<&str> = line.split(' ').collect();
         match words[..] {
             ["I"] => Report::Configured,
-            ["E"] => Report::Rejected,
-            ["X"] => Report::NotSent,
-            ["R", cycles, frame] => {
-                let cycles = u64::from_str_radix(cycles, 16).expect("hexadecimal cycles");
-                Report::Received(frame.parse().expect("a frame"), cycles)
-            }
+            ["E" | "X"] => Report::Failed,
+            // The number is the cycles of the crate's call.
+            ["R", _, frame] => Report::Received(frame.parse().expect("a frame")),
             _ => panic!("not a report: {line:?}"),
         }
     }
-}
-
-/// One instruction on the SPI, from chip select low to high.
-#[derive(Debug, Clone, Default)]
-pub struct Instruction {
-    pub start: Cycles,
-    pub end: Cycles,
-    pub mosi: Vec<u8>,
-    pub miso: Vec<u8>,
 }
 
 /// A firmware on a board, with a peer on its bus.
@@ -101,11 +81,9 @@ pub struct Stand {
     bench: Bench,
     peer: Rc<RefCell<SoftNode>>,
     chip: Rc<RefCell<Mcp2515>>,
-    /// The last one is in progress.
-    instructions: Vec<Instruction>,
     serial: Vec<u8>,
     reports: Vec<Report>,
-    received: Vec<(Cycles, Frame)>,
+    received: Vec<Frame>,
 }
 
 impl Stand {
@@ -125,20 +103,18 @@ impl Stand {
             Board::load_as(&firmware.elf(&wiring), &wiring).expect("a firmware for the chip");
         let chip = board.chip();
         let mut bench = Bench::new(bit_rate);
-        let index = bench.add_board(board, "third-party");
+        bench.add_board(board, "third-party");
         let peer = Rc::new(RefCell::new(SoftNode::new(bit_rate)));
         bench.attach("peer", peer.clone());
-        bench.board(index).attach_probe();
         let mut stand = Stand {
             firmware,
             place,
             bench,
             peer,
             chip,
-            instructions: vec![Instruction::default()],
-            serial: Vec::new(),
-            reports: Vec::new(),
-            received: Vec::new(),
+            serial: vec![],
+            reports: vec![],
+            received: vec![],
         };
         let mut waited_ms = 0;
         while stand.take_reports() != [Report::Configured] {
@@ -151,11 +127,6 @@ impl Stand {
 
     pub fn run_ms(&mut self, milliseconds: u64) {
         self.bench.run_for_ms(milliseconds);
-        self.collect();
-    }
-
-    pub fn run_us(&mut self, microseconds: u64) {
-        self.bench.run_for_us(microseconds);
         self.collect();
     }
 
@@ -176,54 +147,20 @@ impl Stand {
     /// poll the chip.
     pub fn serve_while_busy(&mut self, first: Frame, others: &[Frame]) {
         self.send(&[first]);
-        self.run_us(1_000);
+        self.run_ms(1);
         self.send(others);
         self.run_ms(SERVED_MS);
     }
 
-    /// Sends a frame, and inverts one bit in the first attempt of the answer.
-    pub fn serve_with_error_in_answer(&mut self, frame: Frame, bit: u32) {
-        self.send(&[frame]);
-        // The frame has begun, so the next frame is the answer.
-        self.run_us(50);
-        self.flip_bit(bit);
-        self.run_ms(SERVED_MS);
-    }
-
-    /// Inverts one bit of the next frame, for all stations.
-    pub fn flip_bit(&mut self, bit: u32) {
-        self.bench.bus().inject(Fault::FlipBit { bit });
-    }
-
-    /// Removes and returns the firmware's reports since the last call.
-    pub fn take_reports(&mut self) -> Vec<Report> {
+    fn take_reports(&mut self) -> Vec<Report> {
         std::mem::take(&mut self.reports)
-    }
-
-    /// Removes and returns the frames in the firmware's reports since the last call. Panics at
-    /// another report.
-    #[track_caller]
-    pub fn take_frames_reported(&mut self) -> Vec<Frame> {
-        let firmware = self.firmware;
-        let frame = |report| match report {
-            Report::Received(frame, _) => frame,
-            other => panic!("{firmware:?} reports {other:?}"),
-        };
-        self.take_reports().into_iter().map(frame).collect()
     }
 
     /// Removes and returns the answers that the peer received since the last call.
     pub fn take_answers(&mut self) -> Vec<Frame> {
-        let received = std::mem::take(&mut self.received);
-        let frames = received.into_iter().map(|(_, frame)| frame);
-        frames.filter(|frame| frame.id != COUNTER_ID).collect()
-    }
-
-    /// Removes and returns the counter frames that the peer received since the last call, with
-    /// their times.
-    pub fn take_counters(&mut self) -> Vec<(Cycles, Frame)> {
-        let received = std::mem::take(&mut self.received);
-        received.into_iter().filter(|(_, frame)| frame.id == COUNTER_ID).collect()
+        let mut received = std::mem::take(&mut self.received);
+        received.retain(|frame| frame.id != COUNTER_ID);
+        received
     }
 
     /// Removes and returns the frames that passed the chip's filters and were read or lost since
@@ -232,63 +169,26 @@ impl Stand {
         self.chip.borrow_mut().take_frame_log()
     }
 
-    /// Removes and returns the SPI instructions since the last call.
-    pub fn take_instructions(&mut self) -> Vec<Instruction> {
-        let current = self.instructions.pop().into_iter().collect();
-        std::mem::replace(&mut self.instructions, current)
-    }
-
-    /// Value of a register of the MCP2515.
-    pub fn register(&self, address: u8) -> u8 {
-        self.chip.borrow().register(address)
-    }
-
-    pub fn sample_point_permille(&self) -> u32 {
-        self.chip.borrow().sample_point_permille()
-    }
-
     pub fn frames_lost(&self) -> u32 {
         self.chip.borrow().rx_overflows()
     }
 
-    /// Removes and returns the violations that the AVR, the MCP2515 and the board reported since
-    /// the last call.
-    pub fn take_violations(&mut self) -> Vec<String> {
-        let violations = self.bench.board(0).take_violations().into_iter();
-        violations.map(|violation| violation.to_string()).collect()
-    }
-
-    /// The firmware has reported these frames since the last call. `what` says which case it is.
+    /// The firmware has reported these frames, and nothing else, since the last call.
     #[track_caller]
-    pub fn assert_reported(&mut self, frames: &[Frame], what: &str) {
-        let reported = self.take_frames_reported();
-        assert_eq!(reported, frames, "{:?} {:?} {what}", self.firmware, self.place);
+    pub fn assert_reported(&mut self, frames: &[Frame]) {
+        let expected: Vec<Report> = frames.iter().copied().map(Report::Received).collect();
+        assert_eq!(self.take_reports(), expected, "{:?} {:?}", self.firmware, self.place);
     }
 
     /// The firmware has reported these frames, and sent their answers in the same order.
     #[track_caller]
-    pub fn assert_answered(&mut self, frames: &[Frame], what: &str) {
-        self.assert_reported(frames, what);
+    pub fn assert_answered(&mut self, frames: &[Frame]) {
+        self.assert_reported(frames);
         let expected: Vec<Frame> = frames.iter().map(answer_to).collect();
-        assert_eq!(self.take_answers(), expected, "{:?} {:?} {what}", self.firmware, self.place);
+        assert_eq!(self.take_answers(), expected, "{:?} {:?}", self.firmware, self.place);
     }
 
     fn collect(&mut self) {
-        for (at, event) in self.bench.board(0).take_wire_events() {
-            let current = self.instructions.last_mut().expect("one in progress");
-            match event {
-                WireEvent::Cs(false) => current.start = at,
-                WireEvent::Cs(true) => {
-                    current.end = at;
-                    self.instructions.push(Instruction::default());
-                }
-                WireEvent::Spi { byte, miso } => {
-                    current.mosi.push(byte.mosi);
-                    current.miso.push(miso);
-                }
-                _ => {}
-            }
-        }
         let bytes = self.bench.board(0).avr_mut().serial_take();
         for (_, byte) in bytes {
             if byte != b'\n' {
@@ -298,7 +198,8 @@ impl Stand {
             let line = String::from_utf8(std::mem::take(&mut self.serial)).expect("ASCII");
             self.reports.push(Report::parse(&line));
         }
-        self.received.extend(self.peer.borrow_mut().take_received());
+        let received = self.peer.borrow_mut().take_received();
+        self.received.extend(received.into_iter().map(|(_, frame)| frame));
     }
 }
 
@@ -306,8 +207,8 @@ impl Stand {
 impl Drop for Stand {
     fn drop(&mut self) {
         if !std::thread::panicking() {
-            let violations = self.take_violations();
-            assert!(violations.is_empty(), "{:?} {:?} {violations:?}", self.firmware, self.place);
+            let violations = self.bench.board(0).take_violations();
+            assert_eq!(violations, [], "{:?} {:?}", self.firmware, self.place);
         }
     }
 }
@@ -326,8 +227,4 @@ pub fn answer_to(frame: &Frame) -> Frame {
         *to = !from;
     }
     Frame::with_dlc(id, frame.data().len() as u8, data)
-}
-
-pub fn milliseconds(cycles: Cycles) -> u64 {
-    cycles / CYCLES_PER_MS
 }
