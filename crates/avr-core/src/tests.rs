@@ -1,5 +1,5 @@
-//! Values from the manual's formulas and examples (DS40002198), an instruction class a test. The
-//! comparison with simavr and random operands is `sim/bench/tests/opcodes.rs`.
+//! What a program does between instructions and at the ends of its memories. What each instruction
+//! does to registers, flags and memory `sim/bench/tests/opcodes.rs` compares with simavr.
 
 use super::*;
 use alloc::vec::Vec;
@@ -82,105 +82,8 @@ impl Bus for TestBus {
     }
 }
 
-/// Executes one instruction with r16 = `a`, r17 = `b` and SREG; returns r16, SREG and cycles.
-fn one(word: u16, a: u8, b: u8, sreg: u8) -> (u8, u8, u64) {
-    let mut core = core(&[word]);
-    (core.registers[16], core.registers[17], core.sreg) = (a, b, sreg);
-    core.step(&mut NoPeripherals::default()).expect("an instruction");
-    (core.registers[16], core.sreg, core.clock.now)
-}
-
-const ADD: u16 = 0x0F01;
-const ADC: u16 = 0x1F01;
-const SUB: u16 = 0x1B01;
-const SBC: u16 = 0x0B01;
-const CPC: u16 = 0x0701;
 const SEI: u16 = 0x9478;
 const SLEEP: u16 = 0x9588;
-
-#[test]
-fn addition_sets_all_flags() {
-    // I T H S V N Z C
-    assert_eq!(one(ADD, 0x7F, 0x01, 0b1100_0000), (0x80, 0b1110_1100, 1));
-    assert_eq!(one(ADD, 0x80, 0x80, 0), (0x00, 0b0001_1011, 1));
-    assert_eq!(one(ADD, 0xFF, 0x01, 0b0001_1100), (0x00, 0b0010_0011, 1));
-    assert_eq!(one(ADC, 0x0F, 0x00, 0b0000_0001), (0x10, 0b0010_0000, 1));
-    assert_eq!(one(ADC, 0x0F, 0x00, 0), (0x0F, 0, 1));
-}
-
-#[test]
-fn subtraction_sets_all_flags_and_with_carry_keeps_z() {
-    assert_eq!(one(SUB, 0x80, 0x01, 0), (0x7F, 0b0011_1000, 1));
-    assert_eq!(one(SUB, 0x00, 0x01, 0b1100_0000), (0xFF, 0b1111_0101, 1));
-    assert_eq!(one(SUB, 0x05, 0x05, 0), (0x00, 0b0000_0010, 1));
-    assert_eq!(one(SBC, 0x06, 0x05, 0b0000_0001), (0x00, 0, 1));
-    assert_eq!(one(SBC, 0x06, 0x05, 0b0000_0011), (0x00, 0b0000_0010, 1));
-    assert_eq!(one(CPC, 0x00, 0xFF, 0b0000_0011), (0x00, 0b0010_0011, 1));
-    // NEG r16 of 0x80 and 0; COM r16.
-    assert_eq!(one(0x9501, 0x80, 0, 0), (0x80, 0b0000_1101, 1));
-    assert_eq!(one(0x9501, 0x00, 0, 0b0000_0001), (0x00, 0b0000_0010, 1));
-    assert_eq!(one(0x9500, 0x55, 0, 0b0000_1000), (0xAA, 0b0001_0101, 1));
-}
-
-#[test]
-fn logic_counts_and_shifts() {
-    // AND, OR, EOR r16, r17.
-    assert_eq!(one(0x2301, 0xF0, 0x8F, 0b0010_1001), (0x80, 0b0011_0101, 1));
-    assert_eq!(one(0x2B01, 0x00, 0x00, 0), (0x00, 0b0000_0010, 1));
-    assert_eq!(one(0x2701, 0x5A, 0x5A, 0), (0x00, 0b0000_0010, 1));
-    // INC to 0x80 and DEC to 0x7F overflow; C stays.
-    assert_eq!(one(0x9503, 0x7F, 0, 0b0000_0001), (0x80, 0b0000_1101, 1));
-    assert_eq!(one(0x950A, 0x80, 0, 0b0000_0001), (0x7F, 0b0001_1001, 1));
-    // ASR, LSR, ROR r16; SWAP.
-    assert_eq!(one(0x9505, 0x81, 0, 0), (0xC0, 0b0001_0101, 1));
-    assert_eq!(one(0x9506, 0x01, 0, 0), (0x00, 0b0001_1011, 1));
-    assert_eq!(one(0x9507, 0x00, 0, 0b0000_0001), (0x80, 0b0000_1100, 1));
-    assert_eq!(one(0x9502, 0xA5, 0, 0xFF), (0x5A, 0xFF, 1));
-}
-
-#[test]
-fn words_have_their_own_overflow() {
-    // ADIW and SBIW r24, 1.
-    for (word, old, new, sreg) in [
-        (0x9601, 0x7FFF, 0x8000, 0b0000_1100),
-        (0x9601, 0xFFFF, 0x0000, 0b0000_0011),
-        (0x9701, 0x8000, 0x7FFF, 0b0001_1000),
-        (0x9701, 0x0000, 0xFFFF, 0b0001_0101),
-    ] {
-        let mut core = core(&[word]);
-        core.set_word(24, old);
-        core.step(&mut NoPeripherals::default()).expect("an instruction");
-        assert_eq!((core.word_of(24), core.sreg, core.clock.now), (new, sreg, 2), "{old:#x}");
-    }
-}
-
-#[test]
-fn products() {
-    // MUL, MULS, MULSU, FMUL, FMULS, FMULSU r16, r17.
-    for (word, product, sreg) in [
-        (0x9F01, 0x80 * 0xFF, 0),
-        (0x0201, 0x0080, 0),
-        (0x0301, 0x8080, 1),
-        (0x0309, 0xFF00, 0),
-        (0x0381, 0x0100, 0),
-        (0x0389, 0x0100, 1),
-    ] {
-        let mut core = core(&[word]);
-        (core.registers[16], core.registers[17]) = (0x80, 0xFF);
-        core.step(&mut NoPeripherals::default()).expect("an instruction");
-        assert_eq!((core.word_of(0), core.sreg, core.clock.now), (product, sreg, 2), "{word:#x}");
-    }
-}
-
-impl Core {
-    fn word_of(&self, low: usize) -> u16 {
-        u16::from_le_bytes([self.registers[low], self.registers[low + 1]])
-    }
-
-    fn set_word(&mut self, low: usize, value: u16) {
-        [self.registers[low], self.registers[low + 1]] = value.to_le_bytes();
-    }
-}
 
 #[test]
 fn a_skip_takes_a_cycle_for_each_word_that_it_skips() {
@@ -196,20 +99,6 @@ fn a_skip_takes_a_cycle_for_each_word_that_it_skips() {
         core.step(&mut NoPeripherals::default()).expect("an instruction");
         assert_eq!((core.pc(), core.clock.now), (pc, cycles), "{words:x?}");
     }
-}
-
-#[test]
-fn calls_push_the_low_byte_first() {
-    let mut core = core(&[0x940E, 0x0123]);
-    core.set_pc(0x1000);
-    core.write_flash(0x1000, &[0x0E, 0x94, 0x23, 0x01]);
-    core.write_flash(0x0246, &0x9508_u16.to_le_bytes());
-    let bus = &mut NoPeripherals::default();
-    core.step(bus).expect("CALL");
-    assert_eq!((core.pc(), core.sp, core.clock.now), (0x0246, 0x08FD, 4));
-    assert_eq!(core.ram()[0x7FE..], [0x08, 0x02]);
-    core.step(bus).expect("RET");
-    assert_eq!((core.pc(), core.sp, core.clock.now), (0x1004, 0x08FF, 8));
 }
 
 /// Push, rcall, an interrupt, and room for variables: SPH, SREG, SPL, as compilers write them.
@@ -363,8 +252,7 @@ fn a_bus_can_end_the_run_and_halt_the_core() {
     // OUT 5, r16; SPM; WDR; BREAK
     let mut core = core(&[0xB905, 0x95E8, 0x95A8, 0x9598]);
     core.registers[16] = 0x5A;
-    core.set_word(0, 0x1234);
-    core.set_word(30, 0x0080);
+    (core.registers[0], core.registers[1], core.registers[30]) = (0x34, 0x12, 0x80);
     let bus = &mut TestBus { asks: true, ..TestBus::default() };
     assert_eq!(core.run(bus, 100), Ok(Stop::Attention));
     assert_eq!((core.pc(), bus.io.io[0x25]), (2, 0x5A));

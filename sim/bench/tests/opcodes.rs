@@ -27,7 +27,7 @@ use std::process::Command;
 
 use avr_core::{Core, NoPeripherals};
 use bench::avr::{Avr, Chip, Registers, ResetCause, Resume};
-use bench::{Noise, target_dir};
+use bench::{Cycles, Noise, target_dir};
 
 const SEEDS: u64 = 8;
 const BLOCKS: usize = 4_000;
@@ -297,62 +297,61 @@ fn registers_of(core: &Core) -> Registers {
     Registers { r: core.registers, sreg: core.sreg, sp: core.sp, pc: core.pc() }
 }
 
-/// Runs a program on simavr and on `avr-core` side by side. Returns the number of instructions.
-fn compare_with_own_core(seed: u64) -> usize {
-    let words = program(seed);
-    let bytes = to_bytes(&words);
-    let mut avr = simavr(&bytes);
-    let debugger = avr.debugger();
-    let mut core = Core::new(avr_core::Chip::ATmega328P);
-    core.write_flash(0, &bytes);
-    core.registers = debugger.registers().r;
-    let mut io = NoPeripherals::default();
-    let start = avr.now();
-    let end = 2 * (words.len() as u32 - 1);
-    for executed in 0..words.len() {
-        let before = debugger.registers();
-        if before.pc == end {
-            assert_eq!(core.ram(), avr.sram_range(0x0100..=Chip::Atmega328p.ram_end()));
-            for address in [0x3E, 0x4A, 0x4B] {
-                let simavr = debugger.data(address);
-                assert_eq!(simavr, Some(io.io[address as usize]), "I/O register {address:#x}");
-            }
-            return executed;
-        }
-        debugger.resume(Resume::Step);
-        avr.run_until(avr.now() + 100);
-        assert!(!debugger.has_crashed(), "crashed after {before:x?}");
-        core.step(&mut io).expect("an instruction");
-        let simavr = (debugger.registers(), avr.now() - start);
-        let opcode = words[before.pc as usize / 2];
-        assert_eq!(
-            (registers_of(&core), core.clock.now),
-            simavr,
-            "seed {seed}, opcode {opcode:#06x} after {before:x?}"
-        );
-    }
-    panic!("the program does not end");
-}
-
-/// The states of simavr before each instruction of a program.
-fn trace(words: &[u16]) -> String {
+/// Runs a program on simavr. `look` gets its state before each instruction. Returns it at its end.
+fn run(words: &[u16], mut look: impl FnMut(&Registers, Cycles)) -> Avr {
     let mut avr = simavr(&to_bytes(words));
     let end = 2 * (words.len() as u32 - 1);
     let debugger = avr.debugger();
-    let mut lines = String::new();
     // No program has loops.
     for _ in 0..words.len() {
         let registers = debugger.registers();
-        lines += &line(&registers, avr.now());
-        lines.push('\n');
+        look(&registers, avr.now());
         if registers.pc == end {
-            return lines;
+            return avr;
         }
         debugger.resume(Resume::Step);
         avr.run_until(avr.now() + 100);
         assert!(!debugger.has_crashed(), "crashed after {registers:x?}");
     }
     panic!("the program does not end");
+}
+
+/// Runs a program on simavr and on `avr-core` side by side. Returns the number of instructions.
+fn compare_with_own_core(seed: u64) -> usize {
+    let words = program(seed);
+    let mut core = Core::new(avr_core::Chip::ATmega328P);
+    core.write_flash(0, &to_bytes(&words));
+    let mut io = NoPeripherals::default();
+    let (mut executed, mut start) = (0, 0);
+    let mut avr = run(&words, |registers, now| {
+        let before = registers_of(&core);
+        if executed == 0 {
+            core.registers = registers.r;
+            start = now;
+        } else {
+            core.step(&mut io).expect("an instruction");
+        }
+        let opcode = words[before.pc as usize / 2];
+        assert_eq!(
+            (&registers_of(&core), core.clock.now),
+            (registers, now - start),
+            "seed {seed}, opcode {opcode:#06x} after {before:x?}"
+        );
+        executed += 1;
+    });
+    assert_eq!(core.ram(), avr.sram_range(0x0100..=Chip::Atmega328p.ram_end()));
+    for address in [0x3E, 0x4A, 0x4B] {
+        let simavr = avr.debugger().data(address);
+        assert_eq!(simavr, Some(io.io[address as usize]), "I/O register {address:#x}");
+    }
+    executed
+}
+
+/// The states of simavr before each instruction of a program.
+fn trace(words: &[u16]) -> String {
+    let mut lines = String::new();
+    run(words, |registers, now| lines += &(line(registers, now) + "\n"));
+    lines
 }
 
 /// The differences of avr8js for one seed, a line each: mnemonic, what differs, and an example.
