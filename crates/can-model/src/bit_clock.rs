@@ -86,10 +86,4 @@ mod tests {
             }
         }
     }
-
-    #[test]
-    fn a_bit_at_one_megabit_takes_16_cycles() {
-        assert_eq!(BitClock::new(1_000_000).after(3), 48);
-        assert_eq!(PS_PER_CYCLE, 62_500);
-    }
 }

@@ -323,13 +323,4 @@ mod tests {
         assert_eq!(hits, count(1));
         assert_ne!(hits, count(2));
     }
-
-    #[test]
-    fn idle_bits_are_skippable_up_to_the_next_error() {
-        let mut faults = Faults::default();
-        faults.inject(Fault::BitErrorRate { per_million: 1000, seed: 7 });
-        let clean = faults.harmless_idle_bits();
-        faults.skip_idle(clean);
-        assert!(faults.next_bit(IDLE).apply(Level::Recessive).is_dominant());
-    }
 }

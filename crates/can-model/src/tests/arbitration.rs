@@ -72,31 +72,6 @@ loopback: a self-acknowledging engine on its own wire sends to itself
     );
 }
 
-#[test]
-fn the_wire_carries_the_frames_own_bits_with_the_ack_slot_dominant() {
-    let sent = frame("1003F20A#01000038C7");
-    let mut lab = Lab::of(2);
-    let start = lab.bit as usize;
-    lab.send(0, sent);
-    lab.settle();
-    let mut bits = sent.wire_bits();
-    bits[bits_of(&sent).ack_slot as usize] = Level::Dominant;
-    assert_eq!(lab.wire[start..start + bits.len()], bits);
-}
-
-#[test]
-fn frames_in_a_row_are_three_bits_apart() {
-    let sent = frame("123#00");
-    let mut lab = Lab::of(2);
-    let start = lab.bit;
-    lab.send(0, sent);
-    lab.send(0, sent);
-    lab.settle();
-    let ends = lab.bits_where(0, |event| matches!(event, Event::Transmitted(_)));
-    assert_eq!(ends[1] - ends[0], u64::from(sent.bit_count()));
-    assert_eq!(ends[0], start + bits_of(&sent).last_eof);
-}
-
 /// After a missing acknowledgement the sender's error flag must not make the listener miss the next
 /// frame.
 #[test]

@@ -15,6 +15,10 @@ a bit flipped for one station: it detects the error first, so it counts 8 more (
 a lost frame is missed by one station only
     nodes 3; lose 2; send 0 123#01; send 0 123#02; bits 500; got 1 123#01 123#02; got 2 123#02
     counters 2 0 0; error frames 0
+a known weakness of CAN: one that rejects a frame in its last but one bit doubles it for the others
+    nodes 3; flip 43 for 2; send 0 123#; bits 500; got 1 123# 123#; got 2 123#
+a glitch on an idle bus is an error frame
+    nodes 2; inject StuckDominant on; bits 1; clear; bits 100; error frames 1; counters 0 0 1
 a station that misses a frame does not take it for an idle bus
     nodes 3; lose 2; send 0 123#01; bits 20; send 2 100#; bits 500; got 1 123#01 100#
     error frames 0
@@ -64,37 +68,6 @@ fn a_flipped_bit_destroys_one_frame_which_is_repeated() {
     assert_eq!(rig.bus.stats().error_frames, 1);
 }
 
-/// Each wire bit, including the SOF and the intermission.
-#[test]
-fn a_flip_of_any_bit_loses_no_frame() {
-    for bit in 0..frame(COMMAND).bit_count() {
-        let mut rig = Rig::of(3);
-        rig.bus.inject(Fault::FlipBit { bit });
-        rig.send(0, frame(COMMAND));
-        rig.send(0, frame("123#"));
-        rig.run_bits(1_000);
-        for receiver in [1, 2] {
-            let mut received = rig.received(receiver);
-            received.dedup();
-            assert_eq!(received, [frame(COMMAND), frame("123#")], "bit {bit}");
-        }
-    }
-}
-
-/// A known weakness of CAN: a receiver that rejects a frame in the last but one bit makes the
-/// sender repeat it for those that have accepted it.
-#[test]
-fn an_error_of_one_receiver_in_the_last_but_one_bit_doubles_the_frame_for_the_others() {
-    let mut rig = Rig::of(3);
-    let bit = bits_of(&frame(COMMAND)).last_eof as u32 - 1;
-    let port = rig.ports[2];
-    rig.bus.inject(Fault::FlipBitSeenBy { port, bit });
-    rig.send(0, frame(COMMAND));
-    rig.run_bits(500);
-    assert_eq!(rig.received(1), [frame(COMMAND); 2]);
-    assert_eq!(rig.received(2), [frame(COMMAND)]);
-}
-
 #[test]
 fn without_acknowledgement_a_sender_repeats_for_ever_and_stays_on_the_bus() {
     let mut rig = Rig::of(1);
@@ -110,19 +83,6 @@ fn without_acknowledgement_a_sender_repeats_for_ever_and_stays_on_the_bus() {
     assert_eq!(errors.count(), 16, "active flags destroy the frame and passive ones do not");
     let whole = RecordKind::Frame { frame: frame(COMMAND), from: Some(rig.ports[0]), acked: false };
     assert!(records.len() > 100 && records[16..].iter().all(|record| record.kind == whole));
-}
-
-#[test]
-fn a_glitch_on_an_idle_bus_is_an_error_frame_without_a_sender() {
-    let mut rig = Rig::of(2);
-    rig.bus.inject(Fault::StuckDominant(true));
-    rig.run_bits(1);
-    rig.bus.clear_faults();
-    rig.run_bits(100);
-    let records = rig.bus.take_records();
-    let kind = RecordKind::ErrorFrame { kind: Some(ErrorKind::Stuff), from: None };
-    assert_eq!(records.iter().map(|record| record.kind).collect::<Vec<_>>(), [kind]);
-    assert_eq!(rig.counters(0), (0, 1));
 }
 
 #[test]

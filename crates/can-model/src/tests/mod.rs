@@ -48,8 +48,6 @@ struct Lab {
     /// Levels that an engine (`None`: all) receives instead of the real one, by bit.
     disturbed: Vec<(u64, Option<usize>, Level)>,
     bit: u64,
-    /// Level of the wire in each bit.
-    wire: Vec<Level>,
     /// Level that each engine drove in each bit.
     driven: Vec<Vec<Level>>,
     events: Vec<(u64, usize, Event)>,
@@ -72,7 +70,6 @@ impl Lab {
             pending: vec![VecDeque::new(); count],
             disturbed: Vec::new(),
             bit: 0,
-            wire: Vec::new(),
             driven: vec![Vec::new(); count],
             events: Vec::new(),
         }
@@ -125,7 +122,6 @@ impl Lab {
                 self.events.push((self.bit, node, event));
             }
         }
-        self.wire.push(level);
         self.bit += 1;
     }
 
@@ -157,16 +153,10 @@ impl Lab {
         self.events_of(node).into_iter().filter_map(frame).collect()
     }
 
-    /// True if the node drove dominant in all of the bits.
-    fn drove_dominant(&self, node: usize, bits: std::ops::Range<u64>) -> bool {
+    /// True if the node drove this level in all of the bits.
+    fn drove(&self, node: usize, level: Level, bits: std::ops::Range<u64>) -> bool {
         let range = bits.start as usize..bits.end as usize;
-        self.driven[node][range].iter().all(|level| level.is_dominant())
-    }
-
-    /// True if the node drove recessive in all of the bits.
-    fn drove_nothing(&self, node: usize, bits: std::ops::Range<u64>) -> bool {
-        let range = bits.start as usize..bits.end as usize;
-        self.driven[node][range].iter().all(|level| !level.is_dominant())
+        self.driven[node][range].iter().all(|driven| *driven == level)
     }
 
     fn counters(&self, node: usize) -> (u16, u16) {

@@ -175,10 +175,11 @@ fn outcome(watched: bool, step: Option<Cycles>, seed: u64) -> impl PartialEq + s
             now = step.map_or_else(|| rig.bus.horizon(), |step| now + step).min(until);
             rig.bus.run_until(now);
         }
-        match change % 4 {
+        match change % 5 {
             0 => rig.bus.inject(Fault::FlipBit { bit: random.below(100) as u32 }),
             1 => rig.bus.connect(PortId(random.below(4) as usize), false),
             2 => (0..4).for_each(|port| rig.bus.connect(PortId(port), true)),
+            3 => rig.bus.inject(Fault::BitErrorRate { per_million: 2_000, seed }),
             _ => rig.bus.clear_faults(),
         }
     }

@@ -223,13 +223,10 @@ impl Bench for FromSof {
                     self.lab.step();
                 }
             }
-            ["dominant", node, from, to] => {
+            [level @ ("dominant" | "recessive"), node, from, to] => {
                 let bits = self.bit(from)..self.bit(to);
-                assert!(self.lab.drove_dominant(number(node), bits), "{what}");
-            }
-            ["recessive", node, from, to] => {
-                let bits = self.bit(from)..self.bit(to);
-                assert!(self.lab.drove_nothing(number(node), bits), "{what}");
+                let level = Level::from_bit(level == "recessive");
+                assert!(self.lab.drove(number(node), level, bits), "{what}");
             }
             ["is", node, ref expected @ ..] => {
                 let engine = &self.lab.engines[number(node)];
