@@ -101,12 +101,6 @@ mod tests {
     }
 
     #[test]
-    fn chips_with_different_seeds_differ_and_equal_seeds_give_equal_chips() {
-        assert_eq!(time_outs(7), time_outs(7));
-        assert_ne!(time_outs(7), time_outs(8));
-    }
-
-    #[test]
     fn the_prescaler_doubles_the_time_out() {
         let mut watchdog = WatchdogOscillator::new(1);
         let mean = watchdog.time_out(0) as f64;

@@ -307,17 +307,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_error_of_a_missing_file_names_make_firmware() {
-        let error = Firmware::read(Path::new("/nonexistent/servo-node.elf")).unwrap_err();
-        assert!(error.to_string().contains("make firmware"), "{error}");
-    }
-
-    #[test]
-    fn a_file_that_is_not_elf_is_rejected() {
-        assert!(Firmware::parse(b"no ELF at all").is_err());
-    }
-
-    #[test]
     fn a_hex_file_is_rejected_and_the_error_names_the_elf_file() {
         let error = Firmware::parse(b":100000000C94").unwrap_err();
         assert!(error.to_string().contains("use the ELF"), "{error:#}");

@@ -179,17 +179,6 @@ mod tests {
         let expected = [(Wire::Can, "CAN".to_owned()), (Wire::Pin1, "D8".to_owned())];
         assert_eq!(chosen, expected, "the board has no third output");
         assert_eq!(wires(&[], 0, &[]).len(), WIRES_OF_EVERY_BOARD);
-        let mut out = Vec::new();
-        let levels = [Level::High; WIRES];
-        let wires = [(Wire::Cs, "CS".to_owned())];
-        let mut writer = Writer::new(&mut out, 0, &wires, levels).unwrap();
-        writer.change(5, Wire::Sck, true);
-        writer.change(6, Wire::Cs, false);
-        writer.finish(10).unwrap();
-        drop(writer);
-        let text = String::from_utf8(out).unwrap();
-        assert!(text.contains(" CS ") && !text.contains(" SCK "), "{text}");
-        assert_eq!(text.matches("#").count(), 3, "start, edge and end: {text}");
     }
 
     fn byte(mode: u8) -> SpiByte {

@@ -19,13 +19,10 @@ struct Setup {
 }
 
 impl Setup {
-    /// Boards with the program mcp2515.c, one for each list of macros, and a peer. Runs until all
-    /// are on the bus.
-    fn new(boards: &[&[&str]]) -> Setup {
+    /// A board with the program mcp2515.c, which is on the bus, and a peer.
+    fn new() -> Setup {
         let mut bench = Bench::new(BIT_RATE);
-        for (index, defines) in boards.iter().enumerate() {
-            bench.add_board(Board::new(program("mcp2515", defines)), &format!("board {index}"));
-        }
+        bench.add_board(Board::new(program("mcp2515", &[])), "board");
         let peer = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
         bench.attach("peer", peer.clone());
         bench.run_for_ms(2);
@@ -43,27 +40,13 @@ impl Setup {
 
     #[track_caller]
     fn assert_no_violation(&mut self) {
-        for board in self.bench.boards() {
-            assert_eq!(board.take_violations(), []);
-        }
+        assert_eq!(self.bench.board(0).take_violations(), []);
     }
-}
-
-#[test]
-fn a_board_answers_frames_on_the_bus() {
-    let mut setup = Setup::new(&[&[]]);
-    assert_eq!(byte(setup.bench.board(0).avr(), "canstat"), 0x80);
-    for first in 0..20 {
-        setup.send(first);
-        setup.bench.run_for_ms(1);
-        assert_eq!(setup.answers(), [Frame::standard(0x123, &[first + 1])]);
-    }
-    setup.assert_no_violation();
 }
 
 #[test]
 fn the_answer_starts_when_the_program_requests_it() {
-    let mut setup = Setup::new(&[&[]]);
+    let mut setup = Setup::new();
     setup.bench.bus().take_records();
     setup.send(1);
     setup.bench.run_for_ms(1);
@@ -75,21 +58,8 @@ fn the_answer_starts_when_the_program_requests_it() {
 }
 
 #[test]
-fn boards_arbitrate_for_the_bus() {
-    let mut setup = Setup::new(&[&["REPLY_ID=0x222"], &["REPLY_ID=0x111"]]);
-    setup.send(9);
-    setup.bench.run_for_ms(1);
-    // Both boards request to send within a few bits. Each board also answers the other's answer, so
-    // only the first two count.
-    let answers = setup.answers();
-    assert!(answers.contains(&Frame::standard(0x111, &[10])), "{answers:?}");
-    assert!(answers.contains(&Frame::standard(0x222, &[10])), "{answers:?}");
-    setup.assert_no_violation();
-}
-
-#[test]
 fn a_reset_of_the_avr_keeps_the_time_and_the_chip() {
-    let mut setup = Setup::new(&[&[]]);
+    let mut setup = Setup::new();
     let before = setup.bench.now();
     setup.bench.board(0).reset(ResetCause::External);
     assert_eq!(setup.bench.board(0).chip().borrow().mode(), bench::mcp2515::Mode::Normal);
@@ -105,7 +75,7 @@ fn a_reset_of_the_avr_keeps_the_time_and_the_chip() {
 
 #[test]
 fn waiting_ends_when_the_condition_holds_or_at_the_time_out() {
-    let mut setup = Setup::new(&[&[]]);
+    let mut setup = Setup::new();
     setup.send(5);
     let start = setup.bench.now();
     let frames = |bench: &mut Bench| byte(bench.board(0).avr(), "frames");
@@ -255,7 +225,7 @@ fn a_panic_in_a_watcher_reaches_the_test() {
 /// The program answers when INT is low.
 #[test]
 fn a_shorted_int_line_keeps_its_level_until_the_short_ends() {
-    let mut setup = Setup::new(&[&[]]);
+    let mut setup = Setup::new();
     setup.bench.board(0).set_stuck_int(Some(true));
     setup.send(1);
     setup.bench.run_for_ms(1);
@@ -268,7 +238,7 @@ fn a_shorted_int_line_keeps_its_level_until_the_short_ends() {
 
 #[test]
 fn a_shorted_miso_reads_its_level_whatever_the_chip_answers() {
-    let mut setup = Setup::new(&[&[]]);
+    let mut setup = Setup::new();
     for (miso, canstat) in [(Some(0xFF), 0xFF), (Some(0x00), 0x00), (None, 0x80)] {
         setup.bench.board(0).set_stuck_miso(miso);
         setup.bench.board(0).reset(ResetCause::PowerOn);

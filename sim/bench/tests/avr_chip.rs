@@ -4,8 +4,8 @@ use std::cell::RefCell;
 use std::rc::Rc;
 
 use crate::avr::{
-    ENGINE, MS, US, address, assert_no_violation, blank, byte, bytes, firmware_for, program,
-    program_for, read, with_firmware, word,
+    ENGINE, MS, US, assert_no_violation, blank, byte, bytes, firmware_for, program, program_for,
+    read, with_firmware, word,
 };
 use bench::avr::{Avr, Chip, Halt, Oc, Registers, ResetCause, Resume, State};
 use bench::board::Board;
@@ -62,16 +62,6 @@ fn a_program_that_cannot_go_on_stops_until_a_reset_and_time_still_passes() {
         assert_eq!(avr.now(), 10 * MS);
         avr.reset(ResetCause::External);
         assert_eq!(avr.state(), State::Running);
-    }
-}
-
-#[test]
-fn a_run_ends_within_an_instruction_of_its_time() {
-    let mut avr = program("spin", &[]);
-    for step in 1..20_000 {
-        let until = step * 7;
-        avr.run_until(until);
-        assert!((until..until + 8).contains(&avr.now()), "{} for {until}", avr.now());
     }
 }
 
@@ -160,23 +150,6 @@ fn sram_has_random_contents_after_power_on_and_its_old_contents_after_other_rese
         assert_ne!(contents(&avr), first);
         assert_eq!(contents(&blank(chip)), first, "not repeatable");
     }
-}
-
-#[test]
-fn initialised_data_is_copied_from_flash() {
-    let mut avr = program("sleep", &[]);
-    assert_ne!(byte(&avr, "preset"), 0xC3);
-    avr.run_until(MS);
-    assert_eq!(byte(&avr, "preset"), 0xC3);
-}
-
-#[test]
-fn a_sleeping_program_wakes_for_interrupts_in_simulated_time() {
-    let mut avr = program("sleep", &[]);
-    let state = avr.run_until(1024 * US * 100 + 512 * US);
-    assert_eq!(state, State::Sleeping);
-    assert_eq!(word(&avr, "ticks"), 100);
-    assert_no_violation(&mut avr);
 }
 
 /// Clock cycles that a round of the program takes beside its sleep.
@@ -301,17 +274,6 @@ fn watched(avr: &mut Avr, bit: u8) -> Rc<RefCell<Vec<(u64, bool)>>> {
     seen
 }
 
-#[test]
-fn a_watcher_gets_the_changes_of_an_output_with_their_times() {
-    let mut avr = program("pins", &[]);
-    let seen = watched(&mut avr, 1);
-    avr.drive_pin('D', 2, true);
-    avr.run_until(MS);
-    let seen = seen.borrow();
-    assert!(seen.len() > 100);
-    assert!(seen.windows(2).all(|pair| pair[0].0 < pair[1].0 && pair[0].1 != pair[1].1));
-}
-
 /// The program copies D2 to B0.
 #[test]
 fn an_input_keeps_its_level_from_outside_when_the_port_is_written_and_after_a_reset() {
@@ -326,21 +288,6 @@ fn an_input_keeps_its_level_from_outside_when_the_port_is_written_and_after_a_re
     assert!(!avr.pin('B', 0));
     avr.run_until(3 * MS);
     assert!(avr.pin('B', 0));
-}
-
-#[test]
-fn a_button_pulls_an_input_with_a_pull_up_low_until_it_is_released() {
-    let pressed = |avr: &mut Avr| {
-        let until = avr.now() + MS;
-        avr.run_until(until);
-        byte(avr, "pind") & 1 << 4 == 0
-    };
-    let mut avr = program("pins", &[]);
-    assert!(!pressed(&mut avr));
-    avr.drive_pin('D', 4, false);
-    assert!(pressed(&mut avr));
-    avr.release_pin('D', 4);
-    assert!(!pressed(&mut avr));
 }
 
 /// The program masks INT0 while D3 is low.
@@ -468,19 +415,6 @@ fn an_access_beyond_the_ram_is_reported_with_its_program_counter() {
     }
 }
 
-/// The program's stack begins beyond the RAM of the smaller chip.
-#[test]
-fn the_mistakes_of_a_program_for_a_larger_chip_are_reported_and_the_simulator_goes_on() {
-    let firmware = firmware_for(Chip::Atmega328p, "sleep", &[]);
-    let mut avr = Avr::programmed_on(ENGINE, Chip::Atmega168, &firmware).unwrap();
-    avr.run_until(20 * MS);
-    let violations = avr.take_violations();
-    assert!(
-        violations[0].text.contains("writes 0x08ff, but the RAM of an ATmega168 ends"),
-        "{violations:?}"
-    );
-}
-
 /// simavr reads and writes flash at any address in Z.
 #[test]
 fn addresses_beyond_the_end_of_the_flash_read_0xff() {
@@ -525,12 +459,4 @@ fn both_chips_run_a_program_with_the_same_results_in_the_same_cycles() {
         let [small, large] = Chip::ALL.map(run);
         assert_eq!(small, large, "{name}");
     }
-}
-
-#[test]
-fn symbols_of_data_have_sram_addresses() {
-    let avr = program("sleep", &[]);
-    assert!((0x100..0x500).contains(&address(&avr, "ticks")));
-    assert!(avr.symbol("main").unwrap().address < 0x4000);
-    assert!(avr.symbol("nothing_of_that_name").is_none());
 }

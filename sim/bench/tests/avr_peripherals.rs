@@ -198,11 +198,3 @@ fn an_eeprom_write_survives_a_reset_but_not_a_loss_of_power() {
         assert_eq!(avr.eeprom()[7] == 0x5A, survives, "{cause:?}");
     }
 }
-
-#[test]
-fn the_eeprom_can_be_set_from_outside() {
-    let mut avr = program("spin", &[]);
-    avr.set_eeprom(&[1, 2, 3]);
-    assert_eq!(avr.eeprom()[..4], [1, 2, 3, 0xFF]);
-    assert_eq!(avr.eeprom().len(), 512);
-}

@@ -227,30 +227,40 @@ fn spm_must_begin_within_four_cycles_after_the_write_of_spmcsr() {
     }
 }
 
+/// What the page begins with then. The page at 0x2000 and the EEPROM stay as they were.
 #[test]
-fn a_command_that_the_datasheet_does_not_list_has_no_effect() {
-    let mut avr = loader("SPMCSR = _BV(PGERS) | _BV(PGWRT) | _BV(SELFPRGEN); note(SPMCSR)");
-    run(&mut avr);
-    assert_eq!(byte(&avr, "notes"), 0);
-    assert_one_violation(&mut avr, "is not a command");
-}
-
-#[test]
-fn spm_has_no_effect_while_the_flash_is_busy() {
-    let mut avr = loader("erase(0x1000); erase(0x2000); wait()");
-    avr.load_flash(0x2000, &[OLD]);
-    run(&mut avr);
-    assert_eq!((avr.flash()[PAGE], avr.flash()[0x2000]), (0xFF, OLD));
-    assert_one_violation(&mut avr, "SPM while the flash is programmed");
-}
-
-#[test]
-fn a_word_of_the_page_buffer_that_is_filled_twice_gets_the_and_of_both_values() {
-    let mut avr =
-        loader("erase(0x1000); wait(); fill(4, 0x0FF0); fill(4, 0x3C3C); write(0x1000); wait()");
-    run(&mut avr);
-    assert_eq!(page(&avr, PAGE)[2..8], [0xFF, 0xFF, 0x30, 0x0C, 0xFF, 0xFF]);
-    assert_one_violation(&mut avr, "word 2 of the page buffer is filled again");
+fn a_mistake_with_the_flash_is_told_and_does_what_it_does_on_the_chip() {
+    for (steps, text, expected) in [
+        (
+            "SPMCSR = _BV(PGERS) | _BV(PGWRT) | _BV(SELFPRGEN); note(SPMCSR)",
+            "is not a command",
+            [OLD, OLD, OLD],
+        ),
+        ("erase(0x1000); erase(0x2000); wait()", "SPM while the flash is programmed", [0xFF; 3]),
+        (
+            "erase(0x1000); wait(); fill(0, 0x0FF0); fill(0, 0x3C3C); write(0x1000); wait()",
+            "word 0 of the page buffer is filled again",
+            [0x30, 0x0C, 0xFF],
+        ),
+        (
+            "fill_all(0xFF00); write(0x1000); wait()",
+            "is written without an erase",
+            [0x00, OLD, OLD & 0x01],
+        ),
+        (
+            "erase(0x1000); write_eeprom(1); wait()",
+            "an EEPROM write is started while the flash is programmed",
+            [0xFF; 3],
+        ),
+    ] {
+        let mut avr = loader(steps);
+        avr.load_flash(0x2000, &[OLD]);
+        run(&mut avr);
+        assert_eq!(page(&avr, PAGE)[..3], expected, "{steps}");
+        let unchanged = (byte(&avr, "notes"), avr.flash()[0x2000], avr.eeprom()[0]);
+        assert_eq!(unchanged, (0, OLD, 0xFF), "{steps}");
+        assert_one_violation(&mut avr, text);
+    }
 }
 
 #[test]
@@ -270,14 +280,6 @@ fn the_page_buffer_is_empty_after_a_write_after_rwwsre_and_after_a_reset() {
         assert_eq!(page(&avr, PAGE), [0xFF; PAGE_BYTES], "{steps}");
         assert_no_violation(&mut avr);
     }
-}
-
-#[test]
-fn a_page_that_is_written_without_an_erase_gets_the_and_of_both_values() {
-    let mut avr = loader("fill_all(0xFF00); write(0x1000); wait()");
-    run(&mut avr);
-    assert_eq!(page(&avr, PAGE)[..4], [0x00, OLD, OLD & 0x01, OLD]);
-    assert_one_violation(&mut avr, "is written without an erase");
 }
 
 /// The page after a reset in the middle of the erase or write with number `operation`. Checks that
@@ -376,22 +378,6 @@ fn a_half_programmed_page_is_the_same_for_equal_seeds_and_differs_from_chip_to_c
 }
 
 #[test]
-fn flash_survives_resets_and_loss_of_power() {
-    let mut avr = loader(
-        "if (load(0x1000) == 0x5A) { erase(0x1000); wait(); fill_all(5); write(0x1000); wait(); }",
-    );
-    run(&mut avr);
-    let flash = avr.flash().to_vec();
-    for cause in [ResetCause::External, ResetCause::PowerOn, ResetCause::BrownOut] {
-        avr.reset(cause);
-        assert!(avr.flash() == flash, "{cause:?}");
-        run(&mut avr);
-        assert!(avr.flash() == flash, "{cause:?}");
-    }
-    assert_eq!(page(&avr, PAGE), filled(5));
-}
-
-#[test]
 fn an_eeprom_write_blocks_self_programming_and_empties_the_page_buffer() {
     let mut avr = loader("fill(0, 0); write_eeprom(1); erase(0x1000); note(SPMCSR); wait()");
     run(&mut avr);
@@ -402,14 +388,6 @@ fn an_eeprom_write_blocks_self_programming_and_empties_the_page_buffer() {
     assert!(texts[0].contains("erases the page buffer"), "{texts:?}");
     assert!(texts[1].contains("SPMCSR is written while the EEPROM is written"), "{texts:?}");
     assert!(texts[2].contains("SPM without a command"), "{texts:?}");
-}
-
-#[test]
-fn an_eeprom_write_that_is_started_while_the_flash_is_busy_has_no_effect() {
-    let mut avr = loader("erase(0x1000); write_eeprom(1); wait()");
-    run(&mut avr);
-    assert_eq!((avr.flash()[PAGE], avr.eeprom()[0]), (0xFF, 0xFF));
-    assert_one_violation(&mut avr, "an EEPROM write is started while the flash is programmed");
 }
 
 #[test]

@@ -1,11 +1,11 @@
 //! Tests of the counter against the datasheet's sections 15.7 and 15.8 (Timer0), 16.9 and 16.10
-//! (Timer1). No program runs: the tests set modes and step the time.
+//! (Timer1). No program runs: the tests set modes and step the time. What programs see is in
+//! `sim/bench/tests/avr_timers.rs`.
 
-use super::counter::{Counter, ICF, OCFA, TOV};
+use super::counter::{Counter, ICF, TOV};
 use super::modes::Mode;
 use sim_base::Cycles;
 
-const OCFB: u8 = OCFA << 1;
 const CLEAR: u8 = 2;
 const SET: u8 = 3;
 const TOGGLE: u8 = 1;
@@ -54,33 +54,6 @@ fn edges(timer: &mut Counter, index: usize, to: Cycles) -> Vec<(Cycles, bool)> {
 fn count_at(timer: &mut Counter, at: Cycles) -> u16 {
     while timer.step(at).is_some() {}
     timer.count()
-}
-
-/// Sections 15.7.1 and 16.9.1; figure 15-8: TOV is set with the clock from MAX to 0.
-#[test]
-fn normal_mode_overflows_after_max() {
-    assert_eq!(flags(&mut narrow(0, [0, 0], [9, 9], 1), TOV, 600), [256, 512]);
-    assert_eq!(flags(&mut narrow(0, [0, 0], [9, 9], 64), TOV, 256 * 64), [256 * 64]);
-    assert_eq!(flags(&mut wide(0, [0, 0], [9, 9], 8), TOV, 600_000), [65_536 * 8]);
-}
-
-/// Figure 15-10: OCFnx is set with the clock after the one that made the counter equal OCRnx.
-#[test]
-fn a_compare_match_sets_its_flag_one_clock_later() {
-    let mut timer = narrow(0, [0, 0], [9, 20], 8);
-    assert_eq!(flags(&mut timer, OCFA, 1000), [80]);
-    let mut timer = narrow(0, [0, 0], [9, 20], 8);
-    assert_eq!(flags(&mut timer, OCFB, 1000), [168]);
-}
-
-/// Section 15.7.2: "TOV0 flag is set in the same timer clock cycle that the counter counts from MAX
-/// to 0x00."
-#[test]
-fn ctc_mode_clears_at_top_and_does_not_overflow() {
-    let mut timer = narrow(2, [0, 0], [99, 20], 1);
-    assert_eq!(flags(&mut timer, OCFA, 350), [100, 200, 300]);
-    assert_eq!(flags(&mut narrow(2, [0, 0], [99, 20], 1), TOV, 10_000), []);
-    assert_eq!(flags(&mut narrow(2, [0, 0], [0xFF, 20], 1), TOV | OCFA, 600), [256, 512]);
 }
 
 /// Section 15.7.2: a TOP below the counter is missed, and "the counter will then have to count to
@@ -142,26 +115,14 @@ fn the_sixteen_modes_of_timer1_have_their_periods() {
     }
 }
 
-/// Table 15-8.
+/// Table 15-8, TOP in OCR0A with two slopes. Section 15.5.1: PWM modes have no forced compare.
 #[test]
-fn the_modes_of_timer0_have_their_periods() {
-    for (wgm, period) in [(0, 256), (1, 510), (3, 256), (5, 398), (7, 200)] {
-        let seen = flags(&mut narrow(wgm, [0, 0], [199, 7], 1), TOV, 5_000);
-        assert_eq!(seen[3] - seen[2], period, "mode {wgm}");
-    }
-}
-
-/// Section 16.9.3 and figure 16-7.
-#[test]
-fn fast_pwm_is_high_for_ocr_plus_one_clocks_of_top_plus_one() {
-    for divider in [1, 8] {
-        let mut timer = wide(14, [0, CLEAR], [99, 20], divider);
-        let expected = [(100, true), (121, false), (200, true), (221, false), (300, true)];
-        assert_eq!(
-            edges(&mut timer, 1, 300 * divider),
-            expected.map(|(clocks, level)| (clocks * divider, level))
-        );
-    }
+fn timer0_has_the_period_of_mode_5_and_no_forced_compare() {
+    let mut timer = narrow(5, [TOGGLE, 0], [199, 7], 1);
+    timer.force_compare(0);
+    assert_eq!(timer.output(0), Some(false));
+    let seen = flags(&mut timer, TOV, 5_000);
+    assert_eq!(seen[3] - seen[2], 398);
 }
 
 #[test]
@@ -183,19 +144,6 @@ fn fast_pwm_with_ocr_at_top_stays_high_and_with_ocr_zero_is_one_clock_wide() {
     timer.set_ocr(1, 0);
     assert_eq!(edges(&mut timer, 1, 599), [(501, false)]);
     assert_eq!(edges(&mut timer, 1, 650), [(600, true), (601, false)]);
-}
-
-/// Section 15.5: the double buffer is updated at BOTTOM in fast PWM modes, also that of TOP.
-#[test]
-fn in_fast_pwm_ocr_is_updated_at_bottom() {
-    let mut timer = wide(14, [0, CLEAR], [99, 20], 1);
-    count_at(&mut timer, 110);
-    timer.set_ocr(1, 5);
-    assert_eq!(edges(&mut timer, 1, 210), [(121, false), (200, true), (206, false)]);
-    let mut timer = wide(15, [0, CLEAR], [99, 20], 1);
-    count_at(&mut timer, 110);
-    timer.set_ocr(0, 49);
-    assert_eq!(flags(&mut timer, TOV, 310), [200, 250, 300]);
 }
 
 /// Section 16.9.4: the update is at TOP; 16.9.5: at BOTTOM.
@@ -252,47 +200,6 @@ fn compare_outputs_without_pwm_toggle_clear_and_set() {
     let mut timer = wide(15, [TOGGLE, 0], [99, 20], 1);
     let rises: Vec<Cycles> = edges(&mut timer, 0, 450).iter().map(|edge| edge.0).collect();
     assert!(rises.windows(2).all(|pair| pair[1] - pair[0] == 100), "{rises:?}");
-}
-
-/// Section 15.5.1: a forced compare changes the output as a match would, and nothing else.
-#[test]
-fn a_forced_compare_works_in_modes_without_pwm_only() {
-    let mut timer = narrow(2, [TOGGLE, 0], [99, 20], 0);
-    timer.force_compare(0);
-    assert_eq!((timer.output(0), timer.count()), (Some(true), 0));
-    let mut timer = narrow(7, [TOGGLE, 0], [99, 20], 0);
-    timer.force_compare(0);
-    assert_eq!(timer.output(0), Some(false));
-}
-
-/// Section 15.5.2: a write of TCNTn blocks the match of the next timer clock, also of a stopped
-/// timer.
-#[test]
-fn a_write_of_the_counter_blocks_the_next_compare_match() {
-    let mut timer = narrow(0, [0, 0], [20, 21], 0);
-    timer.set_count(20);
-    timer.set_clock(64, 0, 0);
-    assert_eq!(flags(&mut timer, OCFA, 1000), []);
-    let mut timer = narrow(0, [0, 0], [20, 21], 0);
-    timer.set_count(20);
-    timer.set_clock(64, 0, 0);
-    assert_eq!(flags(&mut timer, OCFB, 1000), [128]);
-    // In CTC mode the counter then passes TOP.
-    let mut timer = narrow(2, [0, 0], [20, 9], 0);
-    timer.set_count(20);
-    timer.set_clock(1, 0, 0);
-    assert_eq!(flags(&mut timer, TOV, 300), [236]);
-}
-
-/// Section 17.2: the prescaler runs freely, so that the first clock can come early.
-#[test]
-fn the_first_clock_comes_when_the_prescaler_next_is_zero() {
-    let mut timer = Counter::new(0xFF);
-    timer.set_clock(8, 0, 13);
-    assert_eq!([15, 16, 23, 24].map(|at| count_at(&mut timer, at)), [0, 1, 1, 2]);
-    let mut timer = Counter::new(0xFF);
-    timer.set_clock(8, 0, 16);
-    assert_eq!([23, 24].map(|at| count_at(&mut timer, at)), [0, 1]);
 }
 
 /// The time of the next event is that of the next step with an effect, or earlier, and never later.

@@ -94,13 +94,6 @@ fn a_held_position_is_sent_in_each_unit() {
 }
 
 #[test]
-fn the_sweep_reaches_both_ends() {
-    let autopilot = autopilot(CommandType::Unitless);
-    let deflections = [0, 1, 3].map(|second| autopilot.deflection(second * F_CPU_HZ));
-    assert_eq!(deflections, [0.0, 1.0, -1.0]);
-}
-
-#[test]
 fn one_actuator_is_held_while_the_others_move_until_the_next_sweep() {
     let mut autopilot = with(Settings { moves: Moves::All, ..Settings::of(Profile::Px4) });
     let of = |autopilot: &Autopilot, id: usize| match autopilot.command(F_CPU_HZ / 3) {
@@ -289,31 +282,6 @@ fn commands_for_many_motors_wait_for_a_busy_bus_and_old_ones_are_dropped() {
     assert!(queued(22) >= 9);
     let most = (23..60).map(queued).max().unwrap();
     assert!(most < 40, "{most}");
-}
-
-#[test]
-fn ardupilot_can_command_pulse_widths() {
-    let mut autopilot = like(Profile::ArdupilotPwm);
-    autopilot.hold(-0.5);
-    let commands = texts_of(&mut autopilot, "ArrayCommand", COMMAND_OFFSET + 1);
-    assert!(commands[0].1.starts_with("ArrayCommand id 1 PWM 1250 us, id 2 PWM "), "{commands:?}");
-}
-
-#[test]
-fn ardupilot_sends_arming_status_twice_a_second() {
-    let mut autopilot = like(Profile::Ardupilot);
-    let first = texts_of(&mut autopilot, "", F_CPU_HZ).into_iter().map(|(_, text)| text);
-    let is_other =
-        |text: &String| ["ArrayC", "Notify", "GetEsc"].iter().any(|name| text.starts_with(name));
-    let found: Vec<String> = first.filter(|text| !is_other(text)).collect();
-    let twice = ["SafetyState off", "ArmingStatus armed"];
-    let status = ["NodeStatus OK OPERATIONAL up 0 s vendor 0x0000"];
-    assert_eq!(found, [&status[..], &twice, &twice].concat());
-    autopilot.set_armed(false);
-    let arming = texts_of(&mut autopilot, "ArmingStatus", 2 * F_CPU_HZ);
-    assert!(arming.iter().all(|(_, text)| text == "ArmingStatus disarmed"), "{arming:?}");
-    assert_eq!(times_of(&mut autopilot, 0x1804_4C0A, 3 * F_CPU_HZ), [2012, 2512]);
-    assert_eq!(times_of(&mut autopilot, 0x1F01_550A, 4 * F_CPU_HZ), [3000]);
 }
 
 #[test]

@@ -1,5 +1,5 @@
 /* D8 follows D7, which has its pull-up. D5 is high while the voltage at A1 is above 2 V. D6 has a tone: it toggles each
-   millisecond while D4 is low. With BURSTS, D5 has marks of 38 kHz as an infrared remote control: 40 periods each 10 ms. */
+   millisecond while D4 is low. */
 #include <avr/io.h>
 #include <util/delay.h>
 
@@ -10,17 +10,6 @@ int main(void)
     PORTD = _BV(PD7) | _BV(PD4);
     ADMUX = _BV(REFS0) | 1;
     ADCSRA = _BV(ADEN) | _BV(ADPS2) | _BV(ADPS1) | _BV(ADPS0);
-#ifdef BURSTS
-    for (;;) {
-        for (unsigned char period = 0; period < 40; period++) {
-            PORTD |= _BV(PD5);
-            _delay_us(8.5);
-            PORTD &= ~_BV(PD5);
-            _delay_us(17);
-        }
-        _delay_us(9000);
-    }
-#endif
     for (;;) {
         if (PIND & _BV(PD7))
             PORTB |= _BV(PB0);

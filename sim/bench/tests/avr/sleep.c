@@ -10,7 +10,6 @@ volatile uint16_t ticks;
 volatile uint16_t rounds;
 volatile uint16_t moved;
 volatile uint16_t others;
-uint8_t preset = 0xC3;
 
 ISR(TIMER0_OVF_vect)
 {
