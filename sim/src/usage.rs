@@ -1,6 +1,9 @@
 //! Errors of the command line. Their exit code differs from that of errors of the operating system.
 
 use anyhow::Result;
+use sim_base::parse_number;
+use std::ops::RangeInclusive;
+use std::str::FromStr;
 use std::{error, fmt, io};
 
 /// An error in the command line, or in the contents of a file that it names.
@@ -28,6 +31,14 @@ impl<T> OrUsage for Result<T> {
             false => Usage(format!("{error:#}")).into(),
         })
     }
+}
+
+/// The parser of an option that takes a number.
+pub fn within<T>(range: RangeInclusive<T>) -> impl Fn(&str) -> Result<T, String> + Clone
+where
+    T: FromStr + PartialOrd + fmt::Display + Clone,
+{
+    move |text| parse_number(text, range.clone())
 }
 
 fn is_from_system(error: &anyhow::Error) -> bool {

@@ -16,6 +16,7 @@ pub mod serial;
 pub mod slcan;
 pub mod vcd;
 
+use crate::usage::within;
 use anyhow::Result;
 use bench::Bench;
 use bench::Cycles;
@@ -55,7 +56,7 @@ pub struct Args {
 
     /// Join the UDP multicast bus N, 0 to 255, of pydronecan, libcanard and ArduPilot SITL, on
     /// loopback
-    #[arg(long, value_name = "N", value_parser = mcast_bus, allow_hyphen_values = true)]
+    #[arg(long, value_name = "N", value_parser = within(0..=u8::MAX), allow_hyphen_values = true)]
     pub mcast: Option<u8>,
 
     /// Address of the network interface for --mcast, to reach other computers [default: loopback]
@@ -88,7 +89,12 @@ pub struct Args {
 
     /// Wait for avr-gdb on this TCP port of loopback, 1 to 65535; the board is halted at its reset
     /// until avr-gdb has come
-    #[arg(long, value_name = "PORT", value_parser = tcp_port, allow_hyphen_values = true)]
+    #[arg(
+        long,
+        value_name = "PORT",
+        value_parser = within(1..=u16::MAX),
+        allow_hyphen_values = true,
+    )]
     pub gdb: Option<u16>,
 
     /// Play frames and bench events from FILE: candump lines, and lines such as "(2.5) temperature
@@ -105,7 +111,7 @@ pub struct Args {
         long,
         value_name = "N",
         default_value_t = 0,
-        value_parser = further_boards,
+        value_parser = within(0..=FURTHER_BOARDS_MAX),
         allow_hyphen_values = true,
     )]
     pub nodes: usize,
@@ -117,22 +123,6 @@ pub struct Args {
 
 /// Node IDs are 1 to 127, and the node has one of them.
 const FURTHER_BOARDS_MAX: usize = 126;
-
-fn further_boards(text: &str) -> Result<usize, String> {
-    let boards = text.parse().ok().filter(|boards| *boards <= FURTHER_BOARDS_MAX);
-    boards.ok_or_else(|| format!("use a number from 0 to {FURTHER_BOARDS_MAX}"))
-}
-
-fn mcast_bus(text: &str) -> Result<u8, String> {
-    text.parse().map_err(|_| String::from("use a number from 0 to 255"))
-}
-
-fn tcp_port(text: &str) -> Result<u16, String> {
-    text.parse()
-        .ok()
-        .filter(|port| *port != 0)
-        .ok_or_else(|| String::from("use a number from 1 to 65535"))
-}
 
 impl Args {
     /// Opens all links of the options except for the script. `boards` are the numbers of all

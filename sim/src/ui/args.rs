@@ -5,6 +5,7 @@ use super::report::{Finding, Judgement};
 use crate::fault::Injection;
 use crate::links::{self, script::millivolts, script::rpm};
 use crate::time::{parse_duration, seconds};
+use crate::usage::within;
 use crate::utilisation;
 use anyhow::{Result, bail, ensure};
 use bench::autopilot::{CommandType, Moves, Only, Profile, Settings};
@@ -16,7 +17,6 @@ use bench::wires;
 use bench::wiring::{BIT_RATES, Pin, Wiring};
 use bench::{Cycles, F_CPU_HZ};
 use clap::Parser;
-use sim_base::parse_number;
 use std::path::PathBuf;
 
 /// What executes the firmware.
@@ -97,7 +97,7 @@ pub struct Args {
 
     /// Exit code, 0 to 255, if the program used something of the processor that is not modelled
     /// exactly [default: 0]
-    #[arg(long, value_name = "CODE", value_parser = exit_code, allow_hyphen_values = true)]
+    #[arg(long, value_name = "CODE", value_parser = within(0..=255u8), allow_hyphen_values = true)]
     pub unmodelled_exit: Option<u8>,
 
     /// Print each message on the bus as a plain line, not only a count each second
@@ -136,12 +136,7 @@ pub struct Args {
 
     /// Number of actuators in each command, from the first ID on; 0 for no ArrayCommand [default:
     /// 15 for ardupilot, ardupilot-pwm and px4, which had 8 before June 2026]
-    #[arg(
-        long,
-        value_name = "NUMBER",
-        value_parser = servos,
-        allow_hyphen_values = true,
-    )]
+    #[arg(long, value_name = "NUMBER", value_parser = within(0..=15u8), allow_hyphen_values = true)]
     pub servos: Option<u8>,
 
     /// While disarmed leave the actuators that move out of the commands, and send none for motors,
@@ -151,7 +146,7 @@ pub struct Args {
 
     /// Number of motors that the autopilot commands, from index 0 on; they sweep while armed; for
     /// ardupilot up to 20, for px4 up to 12 [default: none, and no esc.RawCommand]
-    #[arg(long, value_name = "NUMBER", value_parser = motors, allow_hyphen_values = true)]
+    #[arg(long, value_name = "NUMBER", value_parser = within(1..=20u8), allow_hyphen_values = true)]
     pub motors: Option<u8>,
 
     /// Commands for motors a second, 1 to 400
@@ -159,7 +154,7 @@ pub struct Args {
         long,
         value_name = "HZ",
         default_value_t = 50,
-        value_parser = motor_rate,
+        value_parser = within(1..=400u32),
         allow_hyphen_values = true,
     )]
     pub motor_rate: u32,
@@ -180,7 +175,12 @@ pub struct Args {
     pub allocate: bool,
 
     /// Hold the servo at this deflection, -1 to 1, instead of sweeping it
-    #[arg(long, value_name = "DEFLECTION", allow_hyphen_values = true, value_parser = deflection)]
+    #[arg(
+        long,
+        value_name = "DEFLECTION",
+        allow_hyphen_values = true,
+        value_parser = within(-1.0..=1.0),
+    )]
     pub hold: Option<f64>,
 
     /// Time of one sweep of the servo, there and back, 100ms to 1h
@@ -198,7 +198,7 @@ pub struct Args {
         long,
         value_name = "DEGREES",
         default_value_t = 25.0,
-        value_parser = celsius,
+        value_parser = within(-55.0..=150.0),
         allow_hyphen_values = true,
     )]
     pub temperature: f64,
@@ -215,7 +215,12 @@ pub struct Args {
 
     /// Let the voltage of --pwr-voltage fall like that of a lithium battery which is empty after
     /// this many minutes
-    #[arg(long, value_name = "MINUTES", value_parser = minutes, requires = "pwr_voltage")]
+    #[arg(
+        long,
+        value_name = "MINUTES",
+        value_parser = within(0.0..=10_000.0),
+        requires = "pwr_voltage",
+    )]
     pub pwr_discharge: Option<f64>,
 
     /// Speed of the shaft whose sensor gives a pulse a turn, in revolutions a minute, 0 to 10000000
@@ -250,7 +255,7 @@ pub struct Args {
     ///
     /// The views show the throttle. Of outputs with OneShot125, or with pulses more often than
     /// OUT_RATE allows, they do so without this option.
-    #[arg(long, value_name = "OUTPUTS", value_delimiter = ',', value_parser = output)]
+    #[arg(long, value_name = "OUTPUTS", value_delimiter = ',', value_parser = within(1..=8u8))]
     pub escs: Vec<u8>,
 
     /// Apply a level or a voltage to a pin: D7=low, D7=high, D7=open, A1=2.5V
@@ -442,10 +447,6 @@ fn without_option(text: &str) -> Result<PathBuf, String> {
     Err(format!("write sim --elf {text}; the tasks are utilisation and bounds"))
 }
 
-fn exit_code(text: &str) -> Result<u8, String> {
-    parse_number(text, 0..=u8::MAX)
-}
-
 fn dialect(text: &str) -> Result<Dialect, String> {
     let named = |dialect: &Dialect| dialect.to_string() == text;
     [Dialect::V0, Dialect::Draft]
@@ -469,22 +470,6 @@ fn actuator(text: &str) -> Result<Actuator, String> {
     }
 }
 
-fn motors(text: &str) -> Result<u8, String> {
-    parse_number(text, 1..=20)
-}
-
-fn servos(text: &str) -> Result<u8, String> {
-    parse_number(text, 0..=15)
-}
-
-fn output(text: &str) -> Result<u8, String> {
-    parse_number(text, 1..=8)
-}
-
-fn motor_rate(text: &str) -> Result<u32, String> {
-    parse_number(text, 1..=400)
-}
-
 /// Reads a name of a parameter. DroneCAN's are at most 92 bytes long.
 fn parameter_name(text: &str) -> Result<String, String> {
     let is_name = (1..=92).contains(&text.len());
@@ -501,32 +486,9 @@ fn sweep_period(text: &str) -> Result<Cycles, String> {
     }
 }
 
-/// Reads a temperature in the range of an LM35.
-fn celsius(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(celsius @ -55.0..=150.0) => Ok(celsius),
-        _ => Err(String::from("use degrees Celsius from -55 to 150")),
-    }
-}
-
-fn minutes(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(minutes @ 0.0..=10_000.0) => Ok(minutes),
-        _ => Err(String::from("use minutes from 0 to 10000")),
-    }
-}
-
-fn deflection(text: &str) -> Result<f64, String> {
-    match text.parse() {
-        Ok(deflection @ -1.0..=1.0) => Ok(deflection),
-        _ => Err(String::from("use a number from -1 to 1")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fault::Fault;
     use clap::CommandFactory;
 
     fn parse(line: &str) -> Result<Args, clap::Error> {
@@ -540,14 +502,6 @@ mod tests {
         assert_eq!(error, "--inject cable@10s: the run ends before, at 5 s (--for)");
         assert_eq!(check("sim --for 5s --inject cable@5s"), Ok(()));
         assert_eq!(check("sim --inject cable@10s"), Ok(()));
-    }
-
-    #[test]
-    fn the_exit_code_of_what_is_not_modelled_is_a_byte() {
-        let code = |line| parse(line).map(|args| args.judgement().unmodelled_exit);
-        assert_eq!(code("sim --unmodelled-exit 4").unwrap(), Some(4));
-        assert_eq!(code("sim").unwrap(), None);
-        assert!(code("sim --unmodelled-exit 256").is_err());
     }
 
     #[test]
@@ -567,20 +521,10 @@ mod tests {
     }
 
     #[test]
-    fn every_option_of_the_examples_is_parsed() {
-        let args =
-            parse("sim --for 5s --speed max --hold -0.5 --command-type pwm --inject cable@2s")
-                .unwrap();
-        assert_eq!(args.duration, Some(5 * F_CPU_HZ));
-        assert_eq!(args.hold, Some(-0.5));
-        assert_eq!(args.command_type, Some(CommandType::Pwm));
-        assert_eq!(args.inject[0].fault, Fault::Cable);
-    }
-
-    #[test]
     fn wrong_values_are_rejected_with_advice() {
         for (line, advice) in [
             ("sim --for 5", "5s"),
+            ("sim --unmodelled-exit 256", "0 to 255"),
             ("sim --for -5s", "is negative"),
             ("sim --nodes -1", "0 to 126"),
             ("sim --nodes 99999999", "0 to 126"),
@@ -591,7 +535,7 @@ mod tests {
             ("sim --pwr-voltage 12.6", "0 to 5000"),
             ("sim --pwr-current 5001", "0 to 5000"),
             ("sim --pwr-current -1", "0 to 5000"),
-            ("sim --pwr-voltage 1000 --pwr-discharge x", "minutes from 0"),
+            ("sim --pwr-voltage 1000 --pwr-discharge x", "0 to 10000"),
             ("sim --pwr-discharge 5", "--pwr-voltage <MV>"),
             ("sim --rpm -1", "0 to 10000000"),
             ("sim --rpm 10000001", "0 to 10000000"),
