@@ -25,8 +25,12 @@ fn sim(elf: &Path, options: &[&str]) -> Output {
 }
 
 fn sim_for(duration: &str, elf: &Path, options: &[&str]) -> Output {
+    beside_autopilot(duration, elf, &[&["--no-autopilot"], options].concat())
+}
+
+fn beside_autopilot(duration: &str, elf: &Path, options: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_sim"))
-        .args(["--plain", "--speed", "max", "--no-autopilot", "--for", duration, "--elf"])
+        .args(["--plain", "--speed", "max", "--for", duration, "--elf"])
         .arg(elf)
         .args(options)
         .output()
@@ -149,15 +153,6 @@ fn a_program_for_a_larger_chip_makes_mistakes_that_are_printed_once_and_counted(
     assert_eq!(text.matches("\nmistake  ").count(), kinds.len(), "{text}");
     let total: u64 = kinds.iter().map(|kind| kind["count"].as_u64().unwrap()).sum();
     assert_eq!(report["mistakes_total"], total);
-}
-
-#[test]
-fn a_program_that_does_not_name_its_board_runs_on_the_default_one() {
-    let scratch = Scratch::new();
-    let text = lines(&sim(&elf(&scratch, "echo"), &[]));
-    let first = text.lines().next().unwrap();
-    assert!(first.contains("Arduino Diecimila (ATmega168), Seeed CAN-BUS shield"), "{first}");
-    assert!(first.ends_with("bus 1000 kbit/s"), "{first}");
 }
 
 /// No hint is a failure, and each is in the report.
@@ -287,10 +282,7 @@ fn a_strict_run_fails_for_a_program_that_does_not_work() {
     strict(&built(&["UBRR=103"]), &UNO, 0, "well", &[]);
     let listener = built(&["LISTENER"]);
     strict(&listener, &UNO, 1, "never_sent", &["never_sent"]);
-    let mut beside_autopilot = Command::new(env!("CARGO_BIN_EXE_sim"));
-    beside_autopilot.args(["--plain", "--strict", "--speed", "max", "--for", "1s", "--elf"]);
-    let output = beside_autopilot.arg(&listener).args(UNO).output().expect("sim starts");
-    lines(&output);
+    lines(&beside_autopilot("1s", &listener, &[&UNO[..], &["--strict"]].concat()));
     let allowed = [&UNO[..], &["--allow", "never_sent,hints"]].concat();
     strict(&listener, &allowed, 0, "well", &["never_sent"]);
     // The wrong crystal.
@@ -573,25 +565,9 @@ fn the_pins_of_a_program_are_set_and_watched_by_options_and_by_a_script() {
 }
 
 #[test]
-fn a_signal_in_bursts_has_the_frequency_within_them_and_their_share_of_the_time() {
-    let scratch = Scratch::new();
-    let program = elf_with(&scratch, "own_pins", "atmega328p", &["BURSTS"]);
-    let output = lines(&sim(&program, &[&UNO[..], &["--watch", "D5"]].concat()));
-    let shown: Vec<&str> = output.lines().filter(|line| line.contains(" Hz, ")).collect();
-    assert_eq!(shown.len(), 1, "{output}");
-    let (_, text) = shown[0].split_once(" pin     D5 ").unwrap();
-    let (hz, rest) = text.split_once(" Hz, high ").unwrap();
-    assert!((37_500.0..39_500.0).contains(&hz.parse::<f64>().unwrap()), "{text}");
-    assert!(rest.ends_with(" %, in bursts: 10 % of the time"), "{text}");
-}
-
-#[test]
 fn a_disturbed_chip_gives_no_hint_about_its_program() {
-    let mut beside_autopilot = Command::new(env!("CARGO_BIN_EXE_sim"));
-    beside_autopilot.args(["--plain", "--strict", "--speed", "max", "--for", "3s", "--elf"]);
-    let options = ["--inject", "chip-garbage@1s"];
-    let output = beside_autopilot.arg(node_elf().unwrap()).args(options).output().unwrap();
-    let text = lines(&output);
+    let options = ["--strict", "--inject", "chip-garbage@1s"];
+    let text = lines(&beside_autopilot("3s", &node_elf().unwrap(), &options));
     assert!(text.contains("fault   chip-garbage") && !text.contains("HINT"), "{text}");
 }
 

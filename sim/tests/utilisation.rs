@@ -1,19 +1,8 @@
 //! Tests of the exit codes of `sim utilisation`.
 
 use std::fs;
-use std::process::Command;
 
-use crate::links::Scratch;
-
-/// The exit code, and the text on the error output.
-fn utilisation(arguments: &[&str]) -> (Option<i32>, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_sim"))
-        .arg("utilisation")
-        .args(arguments)
-        .output()
-        .expect("sim starts");
-    (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
-}
+use crate::links::{Scratch, sim};
 
 #[test]
 fn the_exit_code_is_2_for_a_wrong_command_line_or_file_and_3_for_a_missing_file() {
@@ -35,7 +24,7 @@ fn the_exit_code_is_2_for_a_wrong_command_line_or_file_and_3_for_a_missing_file(
         (&["--file", directory], 2, directory),
         (&["--file", nowhere], 3, nowhere),
     ] {
-        let (found, error) = utilisation(arguments);
+        let (found, _, error) = sim(&[&["utilisation"], arguments].concat());
         assert_eq!(found, Some(code), "{arguments:?}: {error}");
         assert!(error.contains(text), "{arguments:?}: {error}");
     }

@@ -111,19 +111,3 @@ fn wireshark_reads_the_error_frames_of_a_pcap() {
     );
     assert_eq!(errors.len(), 1, "{errors:?}");
 }
-
-#[cfg(target_os = "linux")]
-#[test]
-fn a_full_disk_ends_the_log_with_an_error() {
-    let mut rig = Rig::new();
-    let mut log = Log::create(Path::new("/dev/full"), BIT_RATE).unwrap();
-    let mut error = None;
-    rig.run(30, |bench, records| {
-        for record in records {
-            log.record(record, None).unwrap();
-        }
-        error = error.take().or(log.serve(bench).err());
-    });
-    let error = format!("{:#}", error.unwrap());
-    assert!(error.starts_with("cannot write /dev/full: No space left"), "{error}");
-}

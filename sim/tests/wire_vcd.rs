@@ -3,7 +3,7 @@
 
 use crate::links::Scratch;
 use crate::wire::{Rig, frames, lines, output, peer_frames, text};
-use bench::avr::{Firmware, Pulse, SpiByte};
+use bench::avr::{Firmware, SpiByte};
 use bench::board::{Board, WireEvent};
 use bench::can::{Frame, Id, Record};
 use bench::wiring::Wiring;
@@ -22,7 +22,6 @@ const INPUT: &str = "vcd:downsample=625";
 struct Known {
     records: Vec<Record>,
     serial: Vec<(Cycles, u8)>,
-    pulses: Vec<Pulse>,
 }
 
 fn recorded(path: &Path) -> Known {
@@ -34,7 +33,6 @@ fn recorded(path: &Path) -> Known {
         vcd.serve(bench).unwrap();
         known.records.extend_from_slice(records);
         known.serial.extend(bench.board(node).avr_mut().serial_take());
-        known.pulses.extend(bench.board(node).take_servo_pulses());
     });
     known
 }
@@ -71,27 +69,6 @@ fn decoded(path: &Path, decoder: &str, annotations: &str) -> Vec<(Cycles, Cycles
     lines("sigrok-cli", &arguments).iter().map(annotation).collect()
 }
 
-/// CRC-15 of a frame by long division, from its fields as the specification lists them.
-fn crc15(frame: &Frame) -> u16 {
-    let remote = u32::from(frame.remote);
-    let header = match frame.id {
-        Id::Standard(id) => format!("0{id:011b}{remote}00"),
-        Id::Extended(id) => format!("0{:011b}11{:018b}{remote}00", id >> 18, id & 0x3_FFFF),
-    };
-    let data: String = frame.data().iter().map(|byte| format!("{byte:08b}")).collect();
-    let mut bits: Vec<u8> = format!("{header}{:04b}{data}000000000000000", frame.dlc)
-        .bytes()
-        .map(|digit| digit - b'0')
-        .collect();
-    let divisor: Vec<u8> = format!("{:016b}", 0xC599).bytes().map(|digit| digit - b'0').collect();
-    for at in 0..bits.len() - 15 {
-        if bits[at] == 1 {
-            bits[at..].iter_mut().zip(&divisor).for_each(|(bit, divisor)| *bit ^= divisor);
-        }
-    }
-    bits[bits.len() - 15..].iter().fold(0, |crc, &bit| crc << 1 | u16::from(bit))
-}
-
 /// sigrok's annotations for a frame.
 fn as_annotations(frame: &Frame) -> Vec<String> {
     let mut texts = vec![String::from("Start of frame")];
@@ -107,18 +84,17 @@ fn as_annotations(frame: &Frame) -> Vec<String> {
     texts.extend(
         frame.data().iter().enumerate().map(|(at, byte)| format!("Data byte {at}: {byte:#04x}")),
     );
-    texts.push(format!("CRC-15 sequence: {:#06x}", crc15(frame)));
     texts.push(String::from("ACK slot: ACK"));
     texts
 }
 
 #[test]
-fn sigrok_reads_every_frame_with_its_time_and_its_crc() {
+fn sigrok_reads_every_frame_with_its_time() {
     let scratch = Scratch::new();
     let path = scratch.path("run.vcd");
     let passed = frames(&recorded(&path).records);
     assert!(passed.len() > peer_frames().len());
-    let annotations = "can=sof:id:full-id:rtr:dlc:data:crc-sequence:ack-slot:warnings";
+    let annotations = "can=sof:id:full-id:rtr:dlc:data:ack-slot:warnings";
     let found = decoded(&path, "can:can_rx=CAN:nominal_bitrate=1000000", annotations);
     let mut found = found.into_iter().peekable();
     for (start, frame) in passed {
@@ -202,25 +178,6 @@ fn sigrok_reads_the_serial_text_at_the_nominal_and_the_true_rate() {
     }
     let found = decoded(&path, "uart:tx=TXD:baudrate=117647", "uart=tx-warnings");
     assert_eq!(found, []);
-}
-
-#[test]
-fn sigrok_measures_the_pulses_of_the_servo() {
-    let scratch = Scratch::new();
-    let path = scratch.path("run.vcd");
-    let known = recorded(&path);
-    let periods: Vec<_> = known
-        .pulses
-        .windows(2)
-        .map(|pair| {
-            let period = pair[1].start - pair[0].start;
-            let duty = pair[0].width_cycles as f64 / period as f64 * 100.0;
-            (pair[0].start, pair[1].start, format!("{duty:.6}%"))
-        })
-        .collect();
-    assert!(periods.len() >= 2, "{:?}", known.pulses);
-    assert_eq!(known.pulses[0].width_cycles, 28_000, "half deflection is 1750 us");
-    assert_eq!(decoded(&path, "pwm:data=SERVO", "pwm=duty-cycle"), periods);
 }
 
 /// Changes of the wires in a file by the wire's name, without the initial levels.

@@ -387,14 +387,6 @@ mod tests {
         assert!(!text.contains("+0.50"));
     }
 
-    #[test]
-    fn every_transfer_is_printed_on_request() {
-        let mut state = State::new(1_000_000);
-        state.report(0, command(0));
-        let text = printed(&mut state, true);
-        assert!(text.contains("frame      1 ArrayCommand id 1 unitless +0.50\n"), "{text}");
-    }
-
     const MS: Cycles = F_CPU_HZ / 1000;
 
     /// The lines with one of `topics` that a plain view prints while `change` changes the state at

@@ -653,17 +653,6 @@ mod tests {
     }
 
     #[test]
-    fn without_autopilot_the_bus_is_silent_and_keys_do_nothing() {
-        let mut scene = scene(&IDLE, "--no-autopilot --inject silence@1ms");
-        scene.nudge(0.5);
-        scene.toggle_sweep();
-        scene.next_command_type();
-        advance(&mut scene, 100);
-        assert_eq!(scene.state().bus.frames, 0);
-        assert_eq!(scene.state().autopilot, None);
-    }
-
-    #[test]
     fn further_boards_are_announced_and_watched() {
         let mut scene = scene(&[0x00, 0x00], "--nodes 2");
         let announced = events(&mut scene).swap_remove(1).1;

@@ -773,14 +773,6 @@ mod tests {
     }
 
     #[test]
-    fn outputs_after_the_last_with_pulses_are_left_out() {
-        let mut state = State::new(1_000_000);
-        assert_eq!(state.output_widths(), []);
-        state.set_output_pulses([None, Some((0, 16_000)), None, Some((0, 24_000)), None]);
-        assert_eq!(state.output_widths(), [None, Some(16_000), None, Some(24_000)]);
-    }
-
-    #[test]
     fn the_load_is_measured_over_the_last_second() {
         let mut state = State::new(1_000_000);
         for ms in 1..=2000 {
@@ -792,20 +784,6 @@ mod tests {
         assert!((state.bus.load_percent(state.now) - 12.8).abs() < 0.01);
         state.advance_to(4 * F_CPU_HZ);
         assert_eq!(state.bus.load_percent(state.now), 0.0);
-    }
-
-    #[test]
-    fn a_servo_output_is_off_a_tenth_of_a_second_after_its_last_pulse() {
-        let mut state = State::new(1_000_000);
-        state.add_pulse(320_000, 24_000, None);
-        assert_eq!(state.servo.period, None);
-        state.add_pulse(640_000, 24_016, Some(320_000));
-        assert_eq!(state.servo.period, Some(320_000));
-        state.advance_to(640_000 + PULSE_TIMEOUT);
-        assert_eq!(state.servo.pulse, Some(24_016));
-        state.advance_to(640_000 + PULSE_TIMEOUT + 1);
-        assert_eq!(state.servo.pulse, None);
-        assert_eq!(state.servo.count, 2);
     }
 
     #[test]
@@ -846,15 +824,5 @@ mod tests {
         // A node that has sent NodeStatus has types of its maker, too.
         shown(0x1801_550A, &[0, 0, 0, 0, 0, 0, 0, 0xC0]);
         assert_eq!(shown(0x184E_8A0A, &[1, 0xC0]), "CAN frame 184E8A0A#01C0 (of an unknown type)");
-    }
-
-    #[test]
-    fn the_worst_latency_is_the_longest() {
-        let mut state = State::new(1_000_000);
-        for latency in [100, 300, 200] {
-            state.add_latency(latency);
-        }
-        assert_eq!(state.latency.last, Some(200));
-        assert_eq!(state.latency.worst, Some(300));
     }
 }

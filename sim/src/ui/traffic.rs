@@ -250,19 +250,6 @@ mod tests {
     }
 
     #[test]
-    fn hidden_types_are_left_out() {
-        let traffic = seconds(3);
-        assert_eq!(
-            texts(traffic.page(9, None, &without("command"))),
-            ["status 0", "status 1", "status 2"]
-        );
-        assert_eq!(texts(traffic.page(1, None, &without("status"))), ["command 149"]);
-        let both = ["command", "status"].map(String::from).into();
-        assert!(traffic.page(9, None, &both).is_empty());
-        assert_eq!(traffic.newer(Some(0), &both), 0);
-    }
-
-    #[test]
     fn frequent_lines_do_not_push_rare_ones_out() {
         let traffic = seconds(1000);
         let statuses = traffic.page(2000, None, &without("command"));

@@ -7,6 +7,7 @@ use std::fs::File;
 use std::io::{Read, Write};
 use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use crate::avr::compile_to;
 use bench::Bench;
@@ -64,6 +65,15 @@ impl Client {
         }
         all
     }
+}
+
+/// Runs `sim`. Returns its exit code, its output, and the text on the error output.
+#[track_caller]
+pub fn sim(arguments: &[&str]) -> (Option<i32>, String, String) {
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_sim")).args(arguments).output().expect("sim starts");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (output.status.code(), text(&output.stdout), text(&output.stderr))
 }
 
 /// Runs the bench, and serves the links each millisecond.
