@@ -147,13 +147,6 @@ mod tests {
     }
 
     #[test]
-    fn a_program_for_another_chip_or_wiring_is_refused() {
-        assert_refused(&program(1, 0, 200), "uno", "seeed", "another chip than the ATmega328P");
-        let file = program(2, 2, 200);
-        assert_refused(&file, "uno", "seeed", "blue MCP2515 module with TJA1050");
-    }
-
-    #[test]
     fn what_is_no_program_is_refused() {
         let mut cut = program(2, 0, 300);
         cut.pop();

@@ -566,71 +566,37 @@ mod tests {
     use super::*;
 
     const PAGES: usize = 3;
+    /// Commands before the third page is written: two GET_SYNC, READ_SIGN, ENTER_PROGMODE, four for
+    /// the first page, and an address.
+    const BEFORE_A_PAGE: usize = 9;
 
-    fn old() -> Vec<u8> {
-        (0..PAGES * PAGE).map(|at| (at * 7 % 251) as u8).collect()
-    }
-
-    /// Its last page is not full.
-    fn new() -> Vec<u8> {
-        (0..PAGES * PAGE - 30).map(|at| (at * 13 % 241) as u8).collect()
-    }
-
-    /// A bootloader that answers as the two of Arduino and ours do.
+    /// Answers as the bootloaders do with which `tests/upload.rs` has whole uploads and cut ones.
     struct Bootloader {
-        signature: [u8; 3],
-        flash: Vec<u8>,
-        address: usize,
-        input: Vec<u8>,
-        /// Erases a page when its address is known, as Optiboot does.
-        erases_early: bool,
-        /// Writes this byte wrongly.
+        flash: [[u8; PAGE]; PAGES],
+        page: usize,
+        /// Writes this byte of each page wrongly.
         worn: Option<usize>,
     }
 
     impl Bootloader {
         fn new() -> Bootloader {
-            Bootloader {
-                signature: Chip::Atmega328p.signature(),
-                flash: old(),
-                address: 0,
-                input: Vec::new(),
-                erases_early: false,
-                worn: None,
-            }
+            Bootloader { flash: [[ERASED; PAGE]; PAGES], page: 0, worn: None }
         }
 
-        fn receive(&mut self, byte: u8) -> Vec<u8> {
-            self.input.push(byte);
-            let length = match self.input[0] {
-                command::LOAD_ADDRESS => 4,
-                command::PROG_PAGE => 5 + PAGE,
-                command::READ_PAGE => 5,
-                _ => 2,
-            };
-            let page = self.address..self.address + PAGE;
-            if self.erases_early && self.input[0] == command::PROG_PAGE && self.input.len() == 4 {
-                self.flash[page.clone()].fill(ERASED);
-            }
-            if self.input.len() < length {
-                return Vec::new();
-            }
-            assert_eq!(self.input.last(), Some(&CRC_EOP));
-            let input = std::mem::take(&mut self.input);
+        fn answer(&mut self, command: &[u8]) -> Vec<u8> {
             let mut answer = vec![INSYNC];
-            match input[0] {
-                command::LOAD_ADDRESS => {
-                    self.address = 2 * usize::from(u16::from_le_bytes([input[1], input[2]]));
+            match *command {
+                [command::LOAD_ADDRESS, low, high, CRC_EOP] => {
+                    self.page = 2 * usize::from(u16::from_le_bytes([low, high])) / PAGE;
                 }
-                command::PROG_PAGE => {
-                    assert_eq!(input[1..4], [0, PAGE as u8, FLASH]);
-                    self.flash[page].copy_from_slice(&input[4..4 + PAGE]);
-                    if let Some(worn) = self.worn {
-                        self.flash[worn] ^= 1;
+                [command::PROG_PAGE, _, _, FLASH, ref bytes @ .., CRC_EOP] => {
+                    self.flash[self.page].copy_from_slice(bytes);
+                    if let Some(worn) = self.worn.filter(|_| self.page > 0) {
+                        self.flash[self.page][worn] ^= 1;
                     }
                 }
-                command::READ_PAGE => answer.extend(&self.flash[page]),
-                command::READ_SIGN => answer.extend(self.signature),
+                [command::READ_PAGE, ..] => answer.extend(self.flash[self.page]),
+                [command::READ_SIGN, ..] => answer.extend(Chip::Atmega328p.signature()),
                 _ => {}
             }
             answer.push(OK);
@@ -638,109 +604,51 @@ mod tests {
         }
     }
 
-    /// Runs a session until it ends or `bytes` have been sent. Returns the bytes that were sent.
-    fn run(session: &mut Session, bootloader: &mut Bootloader, bytes: usize) -> usize {
-        let (mut now, mut sent) = (0, 0);
-        while !session.is_ended() {
+    /// Runs a session until it ends or this number of commands was answered.
+    fn run(session: &mut Session, bootloader: &mut Bootloader, commands: usize) {
+        let (mut now, mut answered) = (0, 0);
+        while !session.is_ended() && answered < commands {
+            let output = session.take_output();
             let mut answer = Vec::new();
-            for byte in session.take_output() {
-                if sent == bytes {
-                    return sent;
-                }
-                sent += 1;
-                answer.extend(bootloader.receive(byte));
+            if !output.is_empty() {
+                answer = bootloader.answer(&output);
+                answered += 1;
             }
             now += if answer.is_empty() { session.wait_ms(now).max(1) } else { 1 };
             session.receive(&answer, now);
         }
-        sent
+    }
+
+    /// A session that waits for the answer to the write of the third page.
+    fn at_a_page() -> Session {
+        let mut session = upload();
+        run(&mut session, &mut Bootloader::new(), BEFORE_A_PAGE);
+        session.take_output();
+        session
     }
 
     fn upload() -> Session {
-        Session::upload(Chip::Atmega328p, &new(), 0)
-    }
-
-    #[test]
-    fn a_program_is_written_and_compared() {
-        let (mut session, mut bootloader) = (upload(), Bootloader::new());
-        run(&mut session, &mut bootloader, usize::MAX);
-        assert_eq!((session.failure(), session.flash()), (None, Flash::New));
-        assert_eq!(bootloader.flash[..new().len()], new());
-        assert_eq!(session.progress(), (2 * PAGES + 2, 2 * PAGES + 2));
-    }
-
-    /// A mixture has pages of both programs, and a first page that is not the one which does
-    /// nothing. Optiboot has the first page erased while its bytes arrive: beside it there is then
-    /// one program only.
-    #[test]
-    fn an_upload_that_is_cut_at_any_byte_leaves_no_mixture_that_runs() {
-        for erases_early in [false, true] {
-            let all = run(&mut upload(), &mut Bootloader::new(), usize::MAX);
-            let mut idle = 0;
-            for bytes in 0..all {
-                let mut bootloader = Bootloader { erases_early, ..Bootloader::new() };
-                run(&mut upload(), &mut bootloader, bytes);
-                let flash = &bootloader.flash;
-                let (first, others) = flash.split_at(PAGE);
-                let erased = erases_early && first == [ERASED; PAGE];
-                let is_whole = |program: &[u8]| {
-                    let rest = &program[PAGE..];
-                    (erased || first == &program[..PAGE]) && others[..rest.len()] == *rest
-                };
-                idle += usize::from(first.starts_with(&IDLE));
-                assert!(
-                    first.starts_with(&IDLE) || is_whole(&old()) || is_whole(&new()),
-                    "cut after {bytes} of {all} bytes"
-                );
-                if bytes % 16 == 0 {
-                    let mut again = upload();
-                    bootloader.input.clear();
-                    run(&mut again, &mut bootloader, usize::MAX);
-                    assert_eq!(again.flash(), Flash::New);
-                }
-            }
-            assert!(idle > all / 2, "{idle} of {all}");
-        }
-    }
-
-    #[test]
-    fn another_chip_is_refused_with_the_boards_that_have_it() {
-        let (mut session, mut bootloader) = (upload(), Bootloader::new());
-        bootloader.signature = Chip::Atmega168.signature();
-        run(&mut session, &mut bootloader, usize::MAX);
-        let text = session.failure().expect("a failure").to_string();
-        assert!(text.contains("ATmega168 (Arduino Diecimila, Arduino Nano with"), "{text}");
-        assert_eq!((session.flash(), bootloader.flash), (Flash::Unchanged, old()));
+        Session::upload(Chip::Atmega328p, &[0x5A; PAGES * PAGE - 30], 0)
     }
 
     #[test]
     fn a_byte_that_was_not_written_is_found_before_the_program_can_start() {
-        let (mut session, mut bootloader) = (upload(), Bootloader::new());
-        bootloader.worn = Some(2 * PAGE + 5);
+        let mut bootloader = Bootloader { worn: Some(5), ..Bootloader::new() };
+        let mut session = upload();
         run(&mut session, &mut bootloader, usize::MAX);
-        assert_eq!(session.failure(), Some(&Failure::NotWritten { address: 2 * PAGE + 5 }));
+        assert_eq!(session.failure(), Some(&Failure::NotWritten { address: PAGE + 5 }));
         assert_eq!(session.flash(), Flash::Idle);
-        assert!(bootloader.flash.starts_with(&IDLE));
+        assert!(bootloader.flash[0].starts_with(&IDLE));
     }
 
     #[test]
     fn cancel_waits_for_the_page_and_ends_then() {
-        let (mut session, mut bootloader) = (upload(), Bootloader::new());
-        run(&mut session, &mut bootloader, 3 * PAGE);
-        // The command that was cut: its rest.
+        let mut session = at_a_page();
         session.cancel(0);
         assert!(!session.is_ended());
         session.receive(&[INSYNC, OK], 1);
         assert_eq!(session.failure(), Some(&Failure::Cancelled));
         assert_eq!(session.flash(), Flash::Idle);
-    }
-
-    #[test]
-    fn cancel_ends_at_once_before_the_board_has_answered() {
-        let mut session = upload();
-        session.cancel(0);
-        assert_eq!(session.failure(), Some(&Failure::Cancelled));
-        assert_eq!(session.flash(), Flash::Unchanged);
     }
 
     /// Runs a session without a bootloader to its end. Returns it and the time.
@@ -765,7 +673,7 @@ mod tests {
 
     #[test]
     fn lines_of_the_old_program_do_not_disturb_the_begin() {
-        let (mut session, mut bootloader) = (upload(), Bootloader::new());
+        let mut session = upload();
         session.receive(b"DroneCAN servo node", 1);
         session.receive(&[INSYNC, OK], 2);
         assert!(session.take_output().is_empty(), "the board starts");
@@ -776,29 +684,19 @@ mod tests {
         session.receive(&[OK], START_MS + 3);
         // The answer to an earlier try.
         session.receive(&[INSYNC, OK], START_MS + 50);
-        run(&mut session, &mut bootloader, usize::MAX);
+        run(&mut session, &mut Bootloader::new(), usize::MAX);
         assert_eq!(session.flash(), Flash::New);
     }
 
     #[test]
     fn a_board_that_stops_or_answers_nonsense_ends_the_session() {
-        let (mut session, mut bootloader) = (upload(), Bootloader::new());
-        run(&mut session, &mut bootloader, 3 * PAGE);
+        let mut session = at_a_page();
         session.receive(&[], ANSWER_MS + 10_000);
         assert_eq!(session.failure(), Some(&Failure::Stopped));
         for nonsense in [&[0x15][..], &[INSYNC, 0x11], &[INSYNC, OK, OK]] {
-            let (mut session, mut bootloader) = (upload(), Bootloader::new());
-            run(&mut session, &mut bootloader, 3 * PAGE);
+            let mut session = at_a_page();
             session.receive(nonsense, 1);
             assert!(matches!(session.failure(), Some(Failure::OutOfStep { .. })));
         }
-    }
-
-    #[test]
-    fn a_look_at_the_chip_changes_nothing() {
-        let (mut session, mut bootloader) = (Session::identify(0), Bootloader::new());
-        run(&mut session, &mut bootloader, usize::MAX);
-        assert_eq!(session.signature(), Some(Chip::Atmega328p.signature()));
-        assert_eq!((session.failure(), bootloader.flash), (None, old()));
     }
 }
