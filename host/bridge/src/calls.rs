@@ -281,10 +281,8 @@ impl<P> Calls<P> {
     fn requeue_overdue(&mut self, now: Duration, failed: &mut Vec<Answer<P>>) {
         for (node, line) in &mut self.lines {
             line.orphans.retain(|(_, this)| now < this.sent + ANSWER_EXPECTED_WITHIN);
-            let mut overdue = Vec::new();
-            while let Some(at) = line.flying.iter().position(|call| call.deadline <= now) {
-                overdue.push(line.flying.remove(at));
-            }
+            let is_overdue = |call: &mut Call<P>| call.deadline <= now;
+            let overdue: Vec<Call<P>> = line.flying.extract_if(.., is_overdue).collect();
             if !overdue.is_empty() {
                 line.window = (line.window / 2).max(1);
                 let last_sent = overdue
@@ -355,20 +353,12 @@ impl<P> Calls<P> {
         let Some(line) = self.lines.get_mut(&node) else {
             return Vec::new();
         };
-        let all = line
-            .waiting
-            .drain(..)
-            .map(|call| (call, false))
-            .chain(line.flying.drain(..).map(|call| (call, true)));
-        let (taken, kept): (Vec<_>, Vec<_>) = all.partition(|(call, _)| which(&call.purpose));
-        for (call, is_flying) in kept {
-            if is_flying {
-                line.flying.push(call);
-            } else {
-                line.waiting.push_back(call);
-            }
-        }
-        taken.iter().for_each(|(call, _)| line.abandon(call, None));
-        taken.into_iter().map(|(call, _)| call.purpose).collect()
+        let waiting = std::mem::take(&mut line.waiting);
+        let (mut taken, kept): (VecDeque<_>, VecDeque<_>) =
+            waiting.into_iter().partition(|call| which(&call.purpose));
+        line.waiting = kept;
+        taken.extend(line.flying.extract_if(.., |call| which(&call.purpose)));
+        taken.iter().for_each(|call| line.abandon(call, None));
+        taken.into_iter().map(|call| call.purpose).collect()
     }
 }

@@ -50,23 +50,12 @@ impl Number {
             _ => None,
         });
         let all: Vec<i64> = limits.chain([value]).collect();
-        Some(
-            if let (true, Ok(value)) =
-                (all.iter().all(|n| i32::try_from(*n).is_ok()), i32::try_from(value))
-            {
-                Number::Int32(value)
-            } else if let (true, Ok(value)) =
-                (all.iter().all(|n| u32::try_from(*n).is_ok()), u32::try_from(value))
-            {
-                Number::Uint32(value)
-            } else if let Ok(value) = i32::try_from(value) {
-                Number::Int32(value)
-            } else if let Ok(value) = u32::try_from(value) {
-                Number::Uint32(value)
-            } else {
-                Number::Wide(value)
-            },
-        )
+        let signed = i32::try_from(value).ok().map(Number::Int32);
+        let unsigned = u32::try_from(value).ok().map(Number::Uint32);
+        let is_signed = all.iter().all(|n| i32::try_from(*n).is_ok());
+        let is_unsigned = !is_signed && all.iter().all(|n| u32::try_from(*n).is_ok());
+        let narrow = if is_unsigned { unsigned.or(signed) } else { signed.or(unsigned) };
+        narrow.or(Some(Number::Wide(value)))
     }
 
     /// The MAVLink type.
@@ -147,17 +136,11 @@ pub fn decode(
         (sent, _) => sent,
     };
     match (&current.value, sent) {
-        (Value::Integer(now), Sent::Real(value))
-            if matches!(Number::of(current), Some(Number::Wide(_))) =>
-        {
+        (Value::Integer(now), Sent::Real(value)) => {
             // A value that was rounded for the station must not be rounded in the node.
-            if value == *now as f32 {
-                Ok(None)
-            } else {
-                to_integer(value).map(|n| Some(Value::Integer(n))).ok_or(Unfit::Value)
+            if matches!(Number::of(current), Some(Number::Wide(_))) && value == *now as f32 {
+                return Ok(None);
             }
-        }
-        (Value::Integer(_), Sent::Real(value)) => {
             to_integer(value).map(|number| Some(Value::Integer(number))).ok_or(Unfit::Value)
         }
         (Value::Integer(_), Sent::Integer(number)) => {
@@ -191,7 +174,6 @@ pub fn decode(
 fn is_within_limits(parameter: &ParameterResponse, number: i64) -> bool {
     match (&parameter.min, &parameter.max) {
         (Value::Integer(min), Value::Integer(max)) => (*min..=*max).contains(&number),
-
         _ => true,
     }
 }

@@ -47,17 +47,6 @@ pub const CLASSES: [(Class, &str); 8] = [
     (Class::MoreStatus, "statuses thinned out"),
 ];
 
-/// Classes that have a share. [`Class::MoreStatus`] takes what they leave.
-const SHARING: [Class; 7] = [
-    Class::Answer,
-    Class::Status,
-    Class::Info,
-    Class::Heartbeat,
-    Class::Parameter,
-    Class::Text,
-    Class::Frame,
-];
-
 impl Class {
     /// Maximum number of queued messages. All parameters of a large node must fit; old CAN frames
     /// are useless.
@@ -92,7 +81,7 @@ impl Class {
 /// sends one a second may be fast.
 const DUE_AFTER: Duration = Duration::from_millis(950);
 
-#[derive(Debug)]
+#[derive(Debug, Default)]
 struct Slot {
     status: Option<Out>,
     /// `None` before the first status.
@@ -106,7 +95,7 @@ impl Slot {
 }
 
 /// The queue of one ground station.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub struct Queue {
     waiting: BTreeMap<Class, VecDeque<Out>>,
     statuses: BTreeMap<NodeId, Slot>,
@@ -123,14 +112,7 @@ pub struct Queue {
 impl Queue {
     /// `status_interval` is at most a second; zero means no limit.
     pub fn new(status_interval: Duration) -> Queue {
-        Queue {
-            waiting: BTreeMap::new(),
-            statuses: BTreeMap::new(),
-            status_interval,
-            clocks: BTreeMap::new(),
-            clock: 0.0,
-            dropped: BTreeMap::new(),
-        }
+        Queue { status_interval, ..Queue::default() }
     }
 
     /// Adds a message. It replaces one with the same key, or the oldest of its class if there is no
@@ -152,7 +134,7 @@ impl Queue {
 
     /// Adds a node's status.
     pub fn push_status(&mut self, node: NodeId, status: Out) {
-        let slot = self.statuses.entry(node).or_insert(Slot { status: None, sent_at: None });
+        let slot = self.statuses.entry(node).or_default();
         if slot.status.replace(status).is_some() {
             *self.dropped.entry(Class::MoreStatus).or_default() += 1;
         }
@@ -170,8 +152,10 @@ impl Queue {
 
     /// The next message that may be sent now. The caller reports its length to [`Queue::sent`].
     pub fn pop(&mut self, now: Duration) -> Option<(Class, Out)> {
-        let (ready, idle): (Vec<Class>, Vec<Class>) =
-            SHARING.into_iter().partition(|class| self.is_ready(*class, now));
+        let (ready, idle): (Vec<Class>, Vec<Class>) = CLASSES
+            .map(|(class, _)| class)
+            .into_iter()
+            .partition(|class| self.is_ready(*class, now));
         for class in idle {
             self.clocks.insert(class, self.clock);
         }
@@ -204,6 +188,7 @@ impl Queue {
             Class::Status => {
                 self.statuses.values().any(|slot| slot.may_leave(now, self.due_after()))
             }
+            // Never of further statuses, which take what the others leave.
             class => self.waiting.get(&class).is_some_and(|waiting| !waiting.is_empty()),
         }
     }
