@@ -34,6 +34,25 @@ pub struct Settings {
     pub epoch_us: u64,
 }
 
+#[cfg(test)]
+impl Settings {
+    /// Those of most tests: component and node 126 of system 1, which allows everything.
+    pub fn of_tests() -> Settings {
+        Settings {
+            system: 1,
+            component: 126,
+            node: NodeId::new(126).unwrap(),
+            unique_id: [7; 16],
+            info_interval: Duration::from_secs(60),
+            autosave: None,
+            rights: Rights { change: true, can: true },
+            tunnels: Vec::new(),
+            hidden: BTreeSet::new(),
+            epoch_us: 1_000_000_000,
+        }
+    }
+}
+
 /// What ground stations may do.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rights {

@@ -3,8 +3,7 @@
 use super::*;
 use crate::message::{Content, Out};
 use crate::queue::Class;
-use crate::state::{Rights, Settings};
-use dronecan_host::NodeId;
+use crate::state::Settings;
 use mavlink::dialects::common::{HEARTBEAT_DATA, MavMessage, RADIO_STATUS_DATA};
 use mavlink::{MAVLinkV2MessageRaw, MavHeader};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -25,18 +24,7 @@ fn options() -> Options {
 }
 
 fn bridge() -> Bridge {
-    Bridge::new(Settings {
-        system: 1,
-        component: 126,
-        node: NodeId::new(126).unwrap(),
-        unique_id: [1; 16],
-        info_interval: Duration::from_secs(60),
-        autosave: None,
-        rights: Rights { change: true, can: false },
-        tunnels: Vec::new(),
-        hidden: Default::default(),
-        epoch_us: 0,
-    })
+    Bridge::new(Settings::of_tests())
 }
 
 /// Channels that listen on UDP, and a station that sends to them.

@@ -3,14 +3,12 @@
 pub use super::super::*;
 pub use crate::message::{Command, command};
 pub use crate::number::{IntegerEncoding, Number};
-pub use crate::state::Rights;
 pub use dronecan_host::{Message, Opcode, ParameterRequest, ParameterResponse, Value, frames};
 pub use mavlink::dialects::common::{
     CAN_FRAME_DATA, MavMessage, MavParamError, MavResult, UAVCAN_NODE_INFO_DATA,
 };
 pub use std::collections::BTreeSet;
 
-pub const BRIDGE: NodeId = NodeId::new(126).unwrap();
 pub const STATION: Asker = Asker { peer: 1, from: (255, 190), encoding: IntegerEncoding::Bytewise };
 pub const INT32: u8 = 6;
 
@@ -152,19 +150,8 @@ pub struct Rig {
 
 impl Rig {
     pub fn new(nodes: Vec<Simulated>) -> Rig {
-        let settings = Settings {
-            system: 1,
-            component: 126,
-            node: BRIDGE,
-            unique_id: [7; 16],
-            info_interval: Duration::from_secs(60),
-            autosave: None,
-            rights: Rights { change: true, can: true },
-            tunnels: Vec::new(),
-            hidden: BTreeSet::new(),
-            epoch_us: 1_000_000_000,
-        };
-        Rig { now: Duration::ZERO, bridge: Bridge::new(settings), nodes, posts: Vec::new() }
+        let bridge = Bridge::new(Settings::of_tests());
+        Rig { now: Duration::ZERO, bridge, nodes, posts: Vec::new() }
     }
 
     /// With nodes whose status and information the bridge has.
