@@ -32,7 +32,6 @@ mod neighbours;
 mod outputs;
 mod parameters;
 mod power;
-mod presets;
 mod processor_faults;
 mod relay;
 mod reliability;

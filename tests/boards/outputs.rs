@@ -264,35 +264,6 @@ fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number()
     }
 }
 
-/// ArduPilot shows the text: "CAN[120] FAILSAFE of output 1".
-#[test]
-fn a_failsafe_and_its_end_are_told_by_log_messages() {
-    let mut rig = hub();
-    command(&mut rig, 0..OUTPUTS);
-    rig.forget();
-    for _ in 0..5 {
-        rig.run_ms(500);
-        command(&mut rig, 1..OUTPUTS);
-    }
-    command(&mut rig, 0..OUTPUTS);
-    rig.run_ms(900);
-    let told = rig.node_messages(|message| match message {
-        Message::LogMessage(message) => Some(message.to_string()),
-        _ => None,
-    });
-    let told: Vec<String> = told.into_iter().map(|(_, text)| text).collect();
-    assert_eq!(
-        told,
-        [
-            "WARNING: FAILSAFE: no commands",
-            "WARNING: FAILSAFE of output 1",
-            "INFO: over: FAILSAFE: no commands"
-        ],
-        "{}",
-        rig.serial
-    );
-}
-
 /// While the cable is out every message is lost. The failsafe may end before a message can be sent.
 #[test]
 #[ignore = "takes long: make test-all"]

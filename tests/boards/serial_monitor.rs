@@ -17,6 +17,14 @@ fn the_banner_has_version_node_id_and_reset_cause() {
 }
 
 #[test]
+fn the_preset_without_a_serial_monitor_works_and_sends_no_line() {
+    let mut rig = Rig::with_features("remote");
+    rig.wait_until_up();
+    rig.send_command(1, 0, 0.5);
+    assert_eq!((rig.settled_pulse_us(), &rig.serial[..]), (1750.0, ""));
+}
+
+#[test]
 fn many_rejected_frames_drop_no_other_line() {
     let mut rig = Rig::running();
     rig.send_command(1, 0, 0.5);
