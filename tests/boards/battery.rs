@@ -15,15 +15,13 @@ const UNKNOWN: u8 = 127;
 /// battery has 100 mAh.
 fn watching() -> Rig {
     let mut rig = PROGRAM.running();
-    for (name, value) in [
+    rig.set_all(&[
         ("PWR1_VOLT_MULT", 11_000),
         ("PWR1_AMP_PERVLT", 500),
         ("BATT_CAPACITY", 100),
         ("BATT_ID", 9),
         ("BATT_RATE", 10),
-    ] {
-        rig.set(name, value);
-    }
+    ]);
     rig
 }
 

@@ -219,9 +219,7 @@ fn the_other_work_of_the_node_goes_on() {
 /// servo's last pulse in microseconds.
 fn width_after_silence(setup: Setup, traffic: Traffic) -> u64 {
     let mut rig = setup.running();
-    for (name, value) in [("OUT1_TIMEOUT", 500), ("OUT1_FS", 2), ("OUT1_FS_PWM", 1200)] {
-        rig.set(name, value);
-    }
+    rig.set_all(&[("OUT1_TIMEOUT", 500), ("OUT1_FS", 2), ("OUT1_FS_PWM", 1200)]);
     rig.send_command(1, 4, 1800.0);
     assert_eq!(rig.settled_pulse_us(), 1800.0);
     let mut flood = Flood::with_rig(Scenario::full(setup, traffic), rig);

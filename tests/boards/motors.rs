@@ -1,8 +1,6 @@
 //! Outputs that are motors (OUTn_TYPE 1): they follow esc.RawCommand by index, only while the
 //! vehicle is armed, and stop when commands do.
 
-use std::sync::OnceLock;
-
 use bench::dronecan::esc::encode_commands;
 use bench::dronecan::{TransferId, Value, split, types};
 use rig::load::{Client, Kind, Load, Loaded, Pace, SENDER};
@@ -11,23 +9,19 @@ use rig::{ARMED, ARMING_STATUS, ARRAY_COMMAND, PWM, Program, RAW_COMMAND, Rig};
 
 const PROGRAM: Program = Program::Full;
 
-/// EEPROM of a node whose outputs 1 to 4 are servos, and 5 to 8 motors with the indices 0 to 3.
-fn eeprom() -> &'static [u8] {
-    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
-    EEPROM.get_or_init(|| {
-        let mut rig = PROGRAM.running();
-        rig.set("OUT_COUNT", 8);
-        for motor in 0..4 {
-            rig.set(&format!("OUT{}_TYPE", motor + 5), 1);
-            rig.set(&format!("OUT{}_ID", motor + 5), motor);
-        }
-        rig.save();
-        rig.board().avr().eeprom()
-    })
-}
-
+/// A node whose outputs 1 to 4 are servos, and 5 to 8 motors with the indices 0 to 3.
 fn node() -> Rig {
-    PROGRAM.running_with(eeprom())
+    PROGRAM.running_set(&[
+        ("OUT_COUNT", 8),
+        ("OUT5_TYPE", 1),
+        ("OUT5_ID", 0),
+        ("OUT6_TYPE", 1),
+        ("OUT6_ID", 1),
+        ("OUT7_TYPE", 1),
+        ("OUT7_ID", 2),
+        ("OUT8_TYPE", 1),
+        ("OUT8_ID", 3),
+    ])
 }
 
 fn motors_us(rig: &mut Rig) -> [Option<f64>; 4] {
@@ -130,11 +124,7 @@ fn without_arming_statuses_the_vehicle_counts_as_disarmed_after_four_to_five_sec
 #[test]
 fn a_motor_stops_when_its_commands_stop_and_the_other_outputs_continue() {
     let mut rig = node();
-    for (name, value) in
-        [("OUT5_TIMEOUT", 200), ("OUT6_TIMEOUT", 0), ("OUT5_FS", 0), ("OUT6_FS", 3)]
-    {
-        rig.set(name, value);
-    }
+    rig.set_all(&[("OUT5_TIMEOUT", 200), ("OUT6_TIMEOUT", 0), ("OUT5_FS", 0), ("OUT6_FS", 3)]);
     rig.arm(ARMED);
     rig.send_commands(&[(1, PWM, 1600.0)]);
     rig.send_raw_command(SENDER, &[4096, 4096, 4096]);

@@ -2,7 +2,6 @@
 //! and all pulses are exact under any load.
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
 
 use bench::autopilot::{Moves, Profile, Settings};
 use bench::avr::Pulse;
@@ -21,19 +20,9 @@ pub const SLOT: i64 = 40_000;
 /// Cycles in a period of the pulses: 20 ms.
 pub const PERIOD: i64 = 20 * MS as i64;
 
-/// EEPROM of a hub that uses all outputs.
-fn hub_eeprom() -> &'static [u8] {
-    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
-    EEPROM.get_or_init(|| {
-        let mut rig = PROGRAM.running();
-        rig.set("OUT_COUNT", OUTPUTS as i64);
-        rig.save();
-        rig.board().avr().eeprom()
-    })
-}
-
+/// A hub that uses all outputs.
 fn hub() -> Rig {
-    PROGRAM.running_with(hub_eeprom())
+    PROGRAM.running_set(&[("OUT_COUNT", OUTPUTS as i64)])
 }
 
 /// A different width for each output.
@@ -133,8 +122,7 @@ fn by_default_one_output_is_in_use_and_the_other_pins_are_inputs() {
 fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_rejected_and_logged() {
     for (count, highest_rate) in [(8, 50), (6, 66), (4, 100), (3, 133), (2, 200), (1, 333)] {
         let mut rig = PROGRAM.running();
-        rig.set("OUT_COUNT", count);
-        rig.set("OUT_RATE", highest_rate);
+        rig.set_all(&[("OUT_COUNT", count), ("OUT_RATE", highest_rate)]);
         if highest_rate < 333 {
             assert_eq!(
                 rig.request_value("OUT_RATE", Value::Integer(highest_rate + 1)),
@@ -151,11 +139,7 @@ fn counts_and_rates_whose_pulses_do_not_fit_in_a_period_are_rejected_and_logged(
 
 #[test]
 fn four_outputs_run_at_100_hz() {
-    let mut rig = PROGRAM.running();
-    rig.set("OUT_COUNT", 4);
-    rig.set("OUT_RATE", 100);
-    rig.save();
-    rig.restart();
+    let mut rig = PROGRAM.running_set(&[("OUT_COUNT", 4), ("OUT_RATE", 100)]);
     command(&mut rig, 0..OUTPUTS);
     rig.run_ms(50);
     pulses(&mut rig);
@@ -220,9 +204,7 @@ fn an_output_whose_pulses_end_has_whole_pulses_until_then() {
 #[test]
 fn the_failsafe_of_one_output_affects_no_other_and_is_reported_with_its_number() {
     let mut rig = hub();
-    rig.set("OUT3_FS", 2);
-    rig.set("OUT3_FS_PWM", 1900);
-    rig.set("OUT6_FS", 3);
+    rig.set_all(&[("OUT3_FS", 2), ("OUT3_FS_PWM", 1900), ("OUT6_FS", 3)]);
     for (silent, expected, bit) in [(2, Some(1900.0), 1 << 2), (5, None, 1 << 5)] {
         for round in 0..30 {
             command(&mut rig, (0..OUTPUTS).filter(|&output| output != silent || round == 0));

@@ -61,9 +61,7 @@ fn saved_parameters_survive_a_restart_and_a_power_cut() {
     rig.wait_until_up();
     assert_eq!(marks(&mut rig), mark(1));
     let ends = other_values();
-    for &(name, end) in &ends {
-        rig.set(name, end);
-    }
+    rig.set_all(&ends);
     rig.save();
     rig.restart();
     for (name, end) in ends {
@@ -174,9 +172,7 @@ fn saving_does_not_delay_commands_or_pulses() {
 
 /// Sets parameters, and says how long the save takes, at the typical time of the EEPROM.
 fn ms_of_save(rig: &mut Rig, values: &[(&'static str, i64)]) -> f64 {
-    for &(name, value) in values {
-        rig.set(name, value);
-    }
+    rig.set_all(values);
     rig.forget();
     let begun = rig.now();
     rig.request(&Message::ExecuteOpcode(Opcode::SAVE));

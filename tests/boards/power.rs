@@ -12,15 +12,13 @@ const PROGRAM: Program = Program::Full;
 /// ampere.
 fn measuring() -> Rig {
     let mut rig = PROGRAM.running();
-    for (name, value) in [
+    rig.set_all(&[
         ("PWR1_VOLT_MULT", 11_000),
         ("PWR1_AMP_PERVLT", 1515),
         ("PWR1_AMP_OFFSET", 2500),
         ("PWR1_ID", 40_000),
         ("PWR_RATE", 10),
-    ] {
-        rig.set(name, value);
-    }
+    ]);
     rig
 }
 

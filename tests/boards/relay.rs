@@ -13,15 +13,13 @@ const COMMAND: u32 = 0x1804_2E0A;
 /// A node whose output 1 is a relay with the ID 5, and output 3 one with the ID 6. Output 2 is a
 /// servo.
 fn switching() -> Rig {
-    let mut rig = PROGRAM.running();
-    for (name, value) in
-        [("OUT_COUNT", 3), ("OUT1_TYPE", 2), ("OUT1_ID", 5), ("OUT3_TYPE", 2), ("OUT3_ID", 6)]
-    {
-        rig.set(name, value);
-    }
-    rig.save();
-    rig.restart();
-    rig
+    PROGRAM.running_set(&[
+        ("OUT_COUNT", 3),
+        ("OUT1_TYPE", 2),
+        ("OUT1_ID", 5),
+        ("OUT3_TYPE", 2),
+        ("OUT3_ID", 6),
+    ])
 }
 
 fn pins(rig: &mut Rig) -> [Pin; 2] {
@@ -148,9 +146,7 @@ fn a_relay_follows_no_other_command_and_with_arm_req_none_while_disarmed() {
 #[test]
 fn a_single_output_can_be_a_relay_that_holds_at_the_start() {
     let mut rig = PROGRAM.running();
-    for (name, value) in [("RELAY_START", 1), ("OUT1_TYPE", 2)] {
-        rig.set(name, value);
-    }
+    rig.set_all(&[("RELAY_START", 1), ("OUT1_TYPE", 2)]);
     rig.run_ms(20);
     let servo = rig.board().wiring().servo;
     assert!(rig.board().pin(servo));

@@ -2,7 +2,6 @@
 //! the feature alone, some eight outputs, too.
 
 use std::collections::BTreeMap;
-use std::sync::OnceLock;
 
 use crate::outputs::{PERIOD, SLOT, TICK};
 use bench::dronecan::{Message, Rpm};
@@ -27,16 +26,7 @@ fn counting() -> Rig {
 
 /// A node that counts, with eight outputs in use.
 fn counting_with_outputs() -> Rig {
-    static EEPROM: OnceLock<Vec<u8>> = OnceLock::new();
-    let program = Program::With("outputs,rpm");
-    let eeprom = EEPROM.get_or_init(|| {
-        let mut rig = program.running();
-        rig.set("OUT_COUNT", 8);
-        rig.set("RPM_RATE", RATE);
-        rig.save();
-        rig.board().avr().eeprom()
-    });
-    program.running_with(eeprom)
+    Program::With("outputs,rpm").running_set(&[("OUT_COUNT", 8), ("RPM_RATE", RATE)])
 }
 
 /// Turns the shaft at a whole number of pulses a minute.
@@ -86,8 +76,7 @@ fn speeds_from_60_to_234_000_are_within_a_fifth_of_a_percent() {
 #[test]
 fn pulses_of_a_turn_divide_the_speed() {
     let mut rig = counting();
-    rig.set("RPM_PULSES", 7);
-    rig.set("RPM_ID", 200);
+    rig.set_all(&[("RPM_PULSES", 7), ("RPM_ID", 200)]);
     turn(&mut rig, 7.0 * 25_000.0);
     rig.run_ms(150);
     let heard = heard(&mut rig, 1000);

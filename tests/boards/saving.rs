@@ -9,11 +9,12 @@ const PROGRAM: Program = Program::Full;
 /// A node with so many changes that its next save writes every byte.
 fn changed() -> Rig {
     let mut rig = PROGRAM.running();
-    for (name, value) in
-        [("OUT1_MIN", 1100), ("OUT1_MAX", 1900), ("OUT1_TRIM", 1400), ("TEMP_ID", 0x1234)]
-    {
-        rig.set(name, value);
-    }
+    rig.set_all(&[
+        ("OUT1_MIN", 1100),
+        ("OUT1_MAX", 1900),
+        ("OUT1_TRIM", 1400),
+        ("TEMP_ID", 0x1234),
+    ]);
     rig.forget();
     rig
 }

@@ -3,7 +3,7 @@
 use std::f32::consts::{FRAC_PI_2, PI};
 
 use bench::avr::Pulse;
-use rig::{MS, POSITION, PWM, Rig, UNITLESS, has_all_features};
+use rig::{MS, POSITION, PWM, Program, Rig, UNITLESS, has_all_features};
 
 #[track_caller]
 fn assert_follows(rig: &mut Rig, cases: &[(u8, f32, f64)]) {
@@ -19,9 +19,7 @@ fn assert_follows(rig: &mut Rig, cases: &[(u8, f32, f64)]) {
 
 fn with(parameters: &[(&str, i64)]) -> Rig {
     let mut rig = Rig::running();
-    for (name, value) in parameters {
-        rig.set(name, *value);
-    }
+    rig.set_all(parameters);
     rig
 }
 
@@ -168,9 +166,8 @@ fn the_rate_takes_effect_at_the_next_start() {
 
 #[test]
 fn at_333_hz_the_longest_pulse_fits_in_a_period() {
-    let mut rig = with(&[("OUT_RATE", 333), ("OUT1_MAX", longest_us().into())]);
-    rig.save();
-    rig.restart();
+    let parameters = [("OUT_RATE", 333), ("OUT1_MAX", longest_us().into())];
+    let mut rig = Program::Preset.running_set(&parameters);
     for value in [1.0, -1.0, 0.3] {
         rig.send_command(1, UNITLESS, value);
         rig.run_ms(20);

@@ -121,6 +121,14 @@ impl Rig {
         );
     }
 
+    /// Like [`Rig::set`] for each of these, in order.
+    #[track_caller]
+    pub fn set_all(&mut self, values: &[(&str, i64)]) {
+        for (name, value) in values {
+            self.set(name, *value);
+        }
+    }
+
     /// Reads the names and values of all parameters, in order.
     #[track_caller]
     pub fn parameters(&mut self) -> Vec<(String, i64)> {

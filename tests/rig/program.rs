@@ -72,6 +72,16 @@ impl Program {
         Rig::running_elf(&self.elf(), eeprom)
     }
 
+    /// A running board that has started with these parameters.
+    #[track_caller]
+    pub fn running_set(self, values: &[(&str, i64)]) -> Rig {
+        let mut rig = self.running();
+        rig.set_all(values);
+        rig.save();
+        rig.restart();
+        rig
+    }
+
     /// A running board that has followed a first command, from node 10: its servo is at 1750 us.
     #[track_caller]
     pub fn positioned(self) -> Rig {

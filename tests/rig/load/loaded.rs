@@ -73,9 +73,7 @@ impl Loaded {
 
     fn with(mut rig: Rig, load: Option<Load>, client: Client) -> Loaded {
         rig.overflows_expected = true;
-        for (name, value) in BUSY {
-            rig.set(name, value);
-        }
+        rig.set_all(&BUSY);
         rig.send_command(1, 4, 1500.0);
         rig.run_ms(100);
         // An autopilot.
