@@ -129,17 +129,7 @@ fn width_us(n: usize) -> f32 {
 #[test]
 #[ignore = "takes long: make test-all"]
 fn of_the_commands_that_pass_in_a_fault_the_node_follows_95_of_100() {
-    follows_95_of_100(3);
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn of_the_commands_that_pass_in_ten_seconds_of_a_fault_the_node_follows_95_of_100() {
-    follows_95_of_100(10);
-}
-
-fn follows_95_of_100(seconds: usize) {
-    for fault in fault::ALL {
+    for (fault, seconds) in fault::ALL.into_iter().flat_map(|fault| [(fault, 3), (fault, 10)]) {
         let (passed, followed) = followed(fault, seconds);
         println!("{fault}: {followed} of {passed}");
         assert!(

@@ -5,9 +5,9 @@ use std::path::Path;
 
 use crate::support::update_bench::*;
 use bench::avr::{Firmware, ResetCause};
-use bench::bootloader;
 use bench::dronecan::{Message, NumberAndText};
-use rig::{ARMING_STATUS, NOT_ARMED, PWM, Program, Rig, has_all_features, started_with};
+use bench::{Noise, bootloader};
+use rig::{ARMING_STATUS, MS, NOT_ARMED, PWM, Program, Rig, has_all_features, started_with};
 
 #[test]
 fn a_board_without_a_program_waits_in_the_bootloader_and_answers_get_node_info() {
@@ -479,24 +479,19 @@ fn an_update_of_another_node_at_the_same_time_changes_nothing() {
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
 }
 
-/// Runs updates with power cuts at random times. After each cut the board runs a complete program
-/// or waits in the bootloader.
-fn cut_power_at_random(cuts: u64, seed: u64) {
+/// After each cut the board runs a complete program or waits in the bootloader.
+#[test]
+#[ignore = "takes long: make test-all"]
+fn after_a_hundred_random_power_cuts_updates_still_succeed() {
     let whole = file();
-    let mut state = seed;
-    let mut random = |limit: u64| {
-        // The generator of Numerical Recipes. Its upper bits are random enough.
-        state =
-            state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) % limit
-    };
+    let mut random = Noise::new(2);
     let mut bench = UpdateBench::with(&[(0, whole.clone())], &[], board().fastest_bit_rate());
-    for cut in 0..cuts {
+    for cut in 0..100 {
         if bench.next_mode() != MAINTENANCE {
             bench.wait_in_the_bootloader();
         }
         assert_eq!(bench.begin_update("fw.bin"), OK, "cut {cut}");
-        let end = bench.bench.now() + random(900 * 16_000);
+        let end = bench.bench.now() + random.below(900 * MS);
         while bench.bench.now() < end {
             bench.step();
         }
@@ -514,16 +509,4 @@ fn cut_power_at_random(cuts: u64, seed: u64) {
     bench.begin_update("fw.bin");
     bench.wait_for_program(10_000);
     assert!(bench.flash(whole.len()) == whole, "the program in flash is the file");
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn after_four_random_power_cuts_updates_still_succeed() {
-    cut_power_at_random(4, 1);
-}
-
-#[test]
-#[ignore = "takes long"]
-fn after_a_hundred_random_power_cuts_updates_still_succeed() {
-    cut_power_at_random(100, 2);
 }
