@@ -376,7 +376,7 @@ def test_an_adapter_that_is_pulled_ends_the_checks_and_when_it_is_back_puts_back
         (["--node", "0"], 2, "not a node ID"),
         (["--bus", "slcan:/dev/null/none"], 3, "cannot open|there is no"),
         (["--port", "none"], 3, "is the Arduino plugged in"),
-        (["--firmware", "/dev/null"], 2, "too few for a firmware"),
+        (["--firmware", "/dev/null"], 2, "is not a firmware file"),
     ],
 )
 def test_a_wrong_command_line_and_missing_ports_have_codes_of_their_own(bench, words, code, text):
