@@ -3,7 +3,7 @@
 //!
 //! Layouts from the public DSDL, little endian.
 
-use super::fields::payload;
+use super::fields::{decode, payload};
 use super::id::UNIQUE_ID_LEN;
 use super::text::{flags, hex};
 use half::f16;
@@ -410,8 +410,7 @@ impl fmt::Display for NotifyState {
 
 /// A payload of one byte; `None` for another length.
 pub(crate) fn decode_byte(payload: &[u8]) -> Option<u8> {
-    let &[byte] = payload else { return None };
-    Some(byte)
+    decode(payload, 8)
 }
 
 /// The payload of one byte.

@@ -4,7 +4,7 @@
 //! field begins at a byte boundary; void bits precede fields that are shorter than a byte.
 
 use super::bits::{Reader, Writer};
-use super::fields::{Field, encode, payload};
+use super::fields::{Field, decode, encode, payload};
 use super::id::UNIQUE_ID_LEN;
 use super::status::NodeStatus;
 use super::text::hex;
@@ -303,9 +303,8 @@ pub(crate) fn write_ok(f: &mut fmt::Formatter<'_>, ok: &bool) -> fmt::Result {
     write!(f, " {}", if *ok { "ok" } else { "FAILED" })
 }
 
-pub(crate) fn decode_restart(mut payload: &[u8]) -> Option<u64> {
-    let [b0, b1, b2, b3, b4] = take(&mut payload)?;
-    payload.is_empty().then(|| u64::from_le_bytes([b0, b1, b2, b3, b4, 0, 0, 0]))
+pub(crate) fn decode_restart(payload: &[u8]) -> Option<u64> {
+    decode(payload, 40)
 }
 
 pub(crate) fn encode_restart(magic: &u64) -> Vec<u8> {
