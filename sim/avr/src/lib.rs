@@ -487,12 +487,6 @@ impl Avr {
         self.machine.peripherals.uart.borrow_mut().set_line_rate(bits_per_second);
     }
 
-    /// Duration of a character on the serial port, in CPU cycles, at the rate that the program has
-    /// set.
-    pub fn serial_cycles_per_byte(&self) -> u64 {
-        uart::Uart::cycles_per_byte(&self.machine.base)
-    }
-
     /// Sets the voltage at ADC input `channel` (0..=7).
     pub fn set_analog(&mut self, channel: u8, millivolts: u32) {
         self.set_analog_uv(channel, millivolts * 1000);

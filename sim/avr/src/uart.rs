@@ -170,12 +170,6 @@ impl Uart {
         Uart::character(base, 0).cycles_per_bit
     }
 
-    /// Duration of a character in CPU cycles, from the start bit to the last stop bit.
-    pub fn cycles_per_byte(base: &Base) -> u64 {
-        let character = Uart::character(base, 0);
-        u64::from(character.bits) * character.cycles_per_bit
-    }
-
     /// The character for a byte that starts now, in the frame format and at the rate that the
     /// program has set.
     fn character(base: &Base, byte: u8) -> SerialCharacter {

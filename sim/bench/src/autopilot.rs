@@ -405,11 +405,6 @@ impl Autopilot {
         self.held_motors.get(&index).copied().unwrap_or_else(moving)
     }
 
-    /// Changes the node ID.
-    pub fn set_node_id(&mut self, id: NodeId) {
-        self.settings.node_id = id;
-    }
-
     /// Changes to the next command type of the profile; after the last to the first.
     pub fn next_command_type(&mut self) {
         let types = self.settings.profile.command_types(self.settings.dialect);

@@ -109,11 +109,6 @@ impl Bench {
         }
     }
 
-    /// Runs for a number of microseconds.
-    pub fn run_for_us(&mut self, microseconds: u64) {
-        self.run_until(self.now + microseconds * F_CPU_HZ / 1_000_000);
-    }
-
     /// Runs for a number of milliseconds.
     pub fn run_for_ms(&mut self, milliseconds: u64) {
         self.run_until(self.now + milliseconds * F_CPU_HZ / 1000);

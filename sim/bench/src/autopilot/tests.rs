@@ -130,14 +130,6 @@ fn messages_that_are_due_during_silence_are_not_sent_later() {
     assert!(messages.iter().all(|(at, _)| *at >= 5 * F_CPU_HZ));
 }
 
-#[test]
-fn the_node_id_can_be_changed() {
-    let mut autopilot = autopilot(CommandType::Unitless);
-    autopilot.set_node_id(NodeId::new(10).unwrap());
-    let frames = autopilot.due(1);
-    assert_eq!(frames[0].1, Frame::extended(0x1001_550A, frames[0].1.data()));
-}
-
 /// The commands of the first ArrayCommand.
 fn first_commands(autopilot: &mut Autopilot) -> Vec<ActuatorCommand> {
     let messages = sent(autopilot, COMMAND_OFFSET + 1);
