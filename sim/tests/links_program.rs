@@ -182,15 +182,6 @@ fn a_board_runs_its_own_program_or_says_how_to_build_it() {
     }
 }
 
-#[test]
-fn the_error_of_a_bootloader_for_another_chip_names_the_right_option() {
-    let Some(hex) = bootloader("ATmegaBOOT_168_atmega328.hex") else { return };
-    let scratch = Scratch::new();
-    let port = scratch.path("arduino");
-    let options = ["--serial", text(&port), "--bootloader", text(&hex)];
-    assert_fails(&[&options[..], &["--mcu", "atmega168"]].concat(), "--mcu atmega328p");
-}
-
 fn upload(hex: &str, board: &str, chip: &str, [part, baud]: [&str; 2]) {
     let Some(hex) = bootloader(hex) else { return };
     let scratch = Scratch::new();

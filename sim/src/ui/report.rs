@@ -503,57 +503,43 @@ mod tests {
         has(&state, &[("/outcome", json!("crashed"))]);
     }
 
-    /// Each finding alone, and all together: the worst one is the outcome.
+    /// Each finding alone, and all together: the worst one is the outcome. What is not modelled is a
+    /// limit of the simulator, not of the program.
     #[test]
     fn a_strict_run_fails_for_each_finding_and_says_which() {
+        let judged = |state: &State, is_strict| {
+            let judgement = Judgement { is_strict, ..Judgement::default() };
+            let report = serde_json::to_value(Report::new(state, &judgement)).unwrap();
+            assert_eq!(report["exit_code"] == 1, judgement.exit(state).1.is_some(), "{report}");
+            (report["outcome"].as_str().unwrap().to_owned(), report["findings"].clone())
+        };
         let sent = || {
             let mut state = State::new(1_000_000);
-            state.knows_vendor_code = true;
-            state.frames_of_node = 1;
+            (state.knows_vendor_code, state.frames_of_node) = (true, 1);
             state
         };
-        let mut all = State::new(1_000_000);
-        all.knows_vendor_code = true;
-        let mut cases: Vec<(State, &str)> = Vec::new();
         type Change = fn(&mut State);
-        let changes: [(Change, &str); 7] = [
-            (|state| state.add_unmodelled(0, "the TWI"), "unmodelled"),
-            (|state| state.add_hint(0, String::from("the UART is at 9600 baud")), "hints"),
-            (|state| state.frames_of_node = 0, "never_sent"),
-            (|state| state.controller.overflows = 1, "lost_frames"),
-            (|state| state.add_jump(0, ""), "restarted"),
-            (|state| state.add_mistake(0, String::from("mistake")), "mistakes"),
-            (|state| state.set_crash(0, String::from("gone")), "crashed"),
+        let changes: [(Change, &str, [&str; 2]); 7] = [
+            (|state| state.add_unmodelled(0, "the TWI"), "unmodelled", ["well"; 2]),
+            (|state| state.add_hint(0, String::from("a hint")), "hints", ["well", "hints"]),
+            (|state| state.frames_of_node = 0, "never_sent", ["well", "never_sent"]),
+            (|state| state.controller.overflows = 1, "lost_frames", ["well", "lost_frames"]),
+            (|state| state.add_jump(0, ""), "restarted", ["well", "restarted"]),
+            (|state| state.add_mistake(0, String::from("x")), "mistakes", ["mistakes"; 2]),
+            (|state| state.set_crash(0, String::from("gone")), "crashed", ["crashed"; 2]),
         ];
-        for (change, outcome) in changes {
+        let mut all = sent();
+        assert_eq!(judged(&all, true), (String::from("well"), json!([])));
+        for (number, (change, finding, outcomes)) in changes.into_iter().enumerate() {
             let mut state = sent();
             change(&mut state);
+            let found = [false, true].map(|is_strict| judged(&state, is_strict));
+            assert_eq!(found, outcomes.map(|outcome| (outcome.to_owned(), json!([finding]))));
             change(&mut all);
-            cases.push((state, outcome));
-            let strict = Judgement { is_strict: true, ..Judgement::default() };
-            let report = serde_json::to_value(Report::new(&all, &strict)).unwrap();
-            assert!(report["findings"].as_array().unwrap().contains(&outcome.into()), "{report}");
+            let (outcome, findings) = judged(&all, true);
+            assert_eq!((&outcome[..], findings[0].as_str()), (outcomes[1], Some(finding)));
+            assert_eq!(findings.as_array().unwrap().len(), number + 1);
         }
-        let outcome = |state: &State, judgement: &Judgement| {
-            let report = serde_json::to_value(Report::new(state, judgement)).unwrap();
-            (report["outcome"].as_str().unwrap().to_owned(), report["exit_code"].clone())
-        };
-        let [lax, strict] =
-            [false, true].map(|is_strict| Judgement { is_strict, ..Judgement::default() });
-        for (state, expected) in &cases {
-            let always = matches!(*expected, "mistakes" | "crashed");
-            let lax_outcome = if always { *expected } else { "well" };
-            assert_eq!(outcome(state, &lax), (lax_outcome.to_owned(), i32::from(always).into()));
-            if *expected == "unmodelled" {
-                // A limit of the simulator, not of the program.
-                assert_eq!(outcome(state, &strict), (String::from("well"), 0.into()));
-                continue;
-            }
-            assert_eq!(outcome(state, &strict), ((*expected).to_owned(), 1.into()));
-            assert!(strict.exit(state).1.is_some(), "{expected}");
-        }
-        assert_eq!(outcome(&sent(), &strict), (String::from("well"), 0.into()));
-        assert_eq!(outcome(&all, &strict).0, "crashed");
     }
 
     #[test]

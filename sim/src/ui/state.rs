@@ -582,8 +582,6 @@ impl State {
         self.status = Some((at, node, status));
     }
 
-    /// Adds a frame that is not part of a known DroneCAN transfer. Other protocols may share the
-    /// bus, so this is not an error.
     /// True if the sender of a frame speaks DroneCAN. Frames of other protocols with 29 bits, such
     /// as J1939 and CANopen, may have the identifier of a known type. In the draft of 2014 the
     /// sender is elsewhere in the identifier, so there each does.
@@ -595,6 +593,8 @@ impl State {
         if self.is_speaker(id) { "of an unknown type" } else { "not DroneCAN: no known type" }
     }
 
+    /// Adds a frame that is not part of a known DroneCAN transfer. Other protocols may share the
+    /// bus, so this is not an error.
     fn add_foreign(&mut self, at: Cycles, station: Option<&str>, frame: &Frame, why: &str) {
         let text = format!("CAN frame {frame} ({why})");
         let (who, name) = (station.unwrap_or("-").to_owned(), String::from("CAN frame"));
