@@ -32,10 +32,9 @@ pub enum ThirdParty {
 /// Mbit/s, or a module with CS on D10, 8 MHz and 500 kbit/s.
 pub type Place = (&'static str, &'static str);
 
-/// The place in which every test runs. Some tests also run in the other places.
-pub const DEFAULT: Place = ("diecimila", "seeed");
+/// Every test runs in the first place, and some tests in all.
 pub const PLACES: [Place; 4] =
-    [DEFAULT, ("diecimila", "module"), ("uno", "seeed"), ("uno", "module")];
+    [("diecimila", "seeed"), ("diecimila", "module"), ("uno", "seeed"), ("uno", "module")];
 
 impl ThirdParty {
     fn elf(self, wiring: &Wiring) -> PathBuf {
@@ -90,7 +89,7 @@ impl Stand {
     /// The firmware on the default board, booted until its chip is on the bus.
     #[track_caller]
     pub fn new(firmware: ThirdParty) -> Stand {
-        Stand::at(DEFAULT, firmware)
+        Stand::at(PLACES[0], firmware)
     }
 
     /// The firmware on a board, booted until its chip is on the bus. The bus has the highest bit
@@ -167,10 +166,6 @@ impl Stand {
     /// the last call.
     pub fn take_frame_log(&mut self) -> Vec<LoggedFrame> {
         self.chip.borrow_mut().take_frame_log()
-    }
-
-    pub fn frames_lost(&self) -> u32 {
-        self.chip.borrow().rx_overflows()
     }
 
     /// The firmware has reported these frames, and nothing else, since the last call.
