@@ -146,7 +146,7 @@ pub struct Flood {
     scenario: Scenario,
     source: Source,
     station: Rc<RefCell<SoftNode>>,
-    /// Frames that the bus has not carried yet.
+    /// Frames that the bus has not carried yet, the oldest first.
     sent: VecDeque<Sent>,
     /// Earliest beginning of the next frame or burst, if the bus is not to be full.
     next_at: Cycles,
@@ -375,10 +375,9 @@ impl Flood {
                 id & !TRANSFER_ID_OF_DRAFT == DRAFT_STATUS_OF_NODE
             };
             self.outcome.own_statuses += u64::from(status);
-            if self.sent.front().is_none_or(|sent| sent.0 != frame) {
-                continue;
-            }
-            let (_, commands) = self.sent.pop_front().expect("the frame");
+            // In noise one before it may be missing on the bus, although its sender has sent it.
+            let Some(at) = self.sent.iter().position(|sent| sent.0 == frame) else { continue };
+            let (_, commands) = self.sent.drain(..=at).next_back().expect("the frame");
             self.outcome.commands += commands.iter().filter(|one| !one.is_stop).count() as u64;
             for command in commands {
                 match self.outcome.pulses.get_mut(command.output) {
