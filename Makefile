@@ -48,7 +48,7 @@ make check      check a real board: ten minutes, and a report            NODE=12
 make test       what CI runs; installs what is missing first
 make help-all   everything else
 
-BOARD=uno SHIELD=module   for another board: a wrong name lists the right ones. Wires: CS=D8 INT=D3 CRYSTAL=8
+BOARD=uno SHIELD=module   for another board: a wrong name lists the right ones. Wires: CS=D8 INT=D2 CRYSTAL=8
 FEATURES=full             another preset: default, full, remote, thesis; or features with commas between them
 endef
 help:
@@ -289,10 +289,11 @@ lint: setup-test sources $(VENV)/installed
 		$(addprefix -p ,$(PUBLISHED)) -p dronecan-host
 	dir=$$(mktemp -d); trap 'rm -rf $$dir' EXIT; \
 		CARGO_TARGET_DIR=$$dir cargo publish --quiet --workspace --dry-run --locked --allow-dirty
-# Without REV= since the last commit of 2.1.0, which has no tag.
 SINCE := $(or $(REV),074a40c)
-## what changed in the published crates, against their version numbers  (REV=v2.1.0)
+## what changed in the published crates since a commit, against their version numbers
+## (REV= a commit; without it the last one of 2.1, which has no tag)
 semver: $(TOOLS)/bin/cargo-semver-checks
+	@git cat-file -e "$(SINCE)^{commit}"
 	PATH="$(abspath $(TOOLS))/bin:$$PATH" cargo semver-checks --baseline-rev $(SINCE) \
 		$(foreach crate,$(PUBLISHED),$(if $(shell git ls-tree $(SINCE) crates/$(crate)),-p $(crate)))
 

@@ -112,12 +112,17 @@ class Choice:
 
     @property
     def wiring(self):
-        """How the program expects the MCP2515 and the servo, in words."""
-        return (
+        """How the program expects the MCP2515 and what else is wired, in words."""
+        words = (
             f"{TABLE['boards'][self.board]['title']}, {TABLE['shields'][self.shield]['title']}: "
-            f"CS on {self.cs}, INT on {self.int}, crystal {self.crystal_mhz} MHz, servo on "
-            f"{self.servo}, bus {self.bit_rate // 1000} kbit/s"
+            f"CS on {self.cs}, INT on {self.int}, crystal {self.crystal_mhz} MHz, "
+            f"bus {self.bit_rate // 1000} kbit/s, servo on {self.servo}"
         )
+        if self.preset != "full":
+            return words
+        voltage, current = self.power
+        others = " ".join(self.outputs[1:])
+        return f"{words}, outputs 2 to 8 on {others}, voltage on {voltage}, current on {current}"
 
     @property
     def options(self):

@@ -125,7 +125,7 @@ def test_flash_checks_the_port_before_anything_else():
     assert "CS on D9, INT on D2, crystal 16 MHz" in done.stdout and "SHIELD=" in done.stdout, done
     done = script("flash", "--check", "--port", os.ttyname(port), "--shield", "module")
     assert "CS on D10, INT on D2, crystal 8 MHz" in done.stdout, done
-    assert "servo on D9, bus 500 kbit/s" in done.stdout and "SHIELD=" not in done.stdout, done
+    assert "bus 500 kbit/s, servo on D9" in done.stdout and "SHIELD=" not in done.stdout, done
     done = script("flash", "--check", "--port", os.ttyname(port), "--board", "unu")
     assert done.returncode == 1 and "BOARD=unu" in done.stderr, done
     os.close(keyboard)
@@ -164,7 +164,9 @@ def test_a_misspelt_word_of_make_is_answered_with_the_right_ones():
         (["bootloader", "BOARD=uno"], "Say which programmer: make bootloader BOARD=uno PROG"),
         (["update"], "Say which bus: make update NODE=120 BUS=slcan:/dev/ttyACM0"),
         (["update", "BOARD=uno"], "Say which bus: make update BOARD=uno NODE=120 BUS="),
+        (["bootloader", "PROGRAMMER=usbasp", "STOCK=README.md"], "README.md is no HEX file"),
         (["flash", "FEATURES=feature"], "FEATURES=feature: 'feature' is wrong. Use one of"),
+        (["flash", "BOARD=nano", "INT=D3"], "INT on D3 takes the light's pin"),
         (["update", "BUS=mcast:0"], "Say which node: make update NODE=120 BUS=mcast:0"),
         (["update", "BUS=mcast:0", "NODE=1", "FILE=no-such.bin"], "FILE=no-such.bin is no file"),
     ],
@@ -178,7 +180,7 @@ def test_the_archive_of_a_release_has_wiring_bit_rate_and_fuses():
     done = script("dist", "--readme", "--board", "nano", "--shield", "module")
     page = done.stdout
     for line in [
-        "CS on D10, INT on D2, crystal 8 MHz, servo on D9, bus 500 kbit/s",
+        "CS on D10, INT on D2, crystal 8 MHz, bus 500 kbit/s, servo on D9, outputs 2 to 8 on D5 ",
         "avrdude -c arduino -p atmega328p -b 57600 -D -P /dev/ttyUSB0 -U flash:w:nano-module.hex:i",
         "avrdude -c usbasp -p atmega328p -e -U lock:w:0x3F:m -U lfuse:w:0xFF:m -U hfuse:w:0xDA:m",
         "-U flash:w:boot-nano-module.hex:i -U lock:w:0xEF:m",

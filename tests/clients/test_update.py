@@ -308,3 +308,15 @@ def test_the_bootloader_is_written_with_the_fuses_that_it_needs(tmp_path):
     stock.write_text(":00000001FF\n")
     fuses, flash = calls("--board", "uno", "--stock", stock)
     assert "hfuse:w:0xDE:m" in fuses and f"flash:w:{stock}:i -U lock:w:0x0F:m" in flash
+    # The last byte of the flash, and one behind it, with and without an extended address.
+    for lines, fits in [
+        (":017FFF000081\n", True),
+        (":018000000080\n", False),
+        (":020000020800F4\n:010000000000\n", False),
+    ]:
+        stock.write_text(lines + ":00000001FF\n")
+        if fits:
+            assert len(calls("--board", "uno", "--stock", stock)) == 2
+        else:
+            with pytest.raises(subprocess.CalledProcessError):
+                calls("--board", "uno", "--stock", stock)

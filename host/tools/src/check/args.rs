@@ -21,7 +21,8 @@ DIRECTORY gets report.md, for the form of an issue; report.json; and bus.log, wh
 
 Exit codes:
   0  all passed                 2  the command line is wrong
-  1  something failed           3  the adapter or the serial port cannot be opened, or was lost";
+  1  something failed           3  the adapter or the serial port cannot be opened, or was lost
+                             5  ended by a signal";
 
 /// Checks a real board with the node of this project, in ten minutes, and writes a report.
 #[derive(Clone, Debug, Parser)]

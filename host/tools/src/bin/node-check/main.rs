@@ -29,6 +29,9 @@ use analyser::Analyser;
 use keys::Keys;
 use links::Links;
 
+/// The exit code after a signal.
+const INTERRUPTED: i32 = 5;
+
 /// Why the program ends without a report.
 enum Failure {
     Usage(Error),
@@ -49,7 +52,7 @@ fn run(args: &Args) -> Result<u8, Failure> {
     let interrupted = Arc::new(AtomicBool::new(false));
     for signal in [SIGINT, SIGTERM, SIGHUP] {
         // The second one ends the program at once. The next run puts back what this one has not.
-        signal_hook::flag::register_conditional_shutdown(signal, 1, interrupted.clone())
+        signal_hook::flag::register_conditional_shutdown(signal, INTERRUPTED, interrupted.clone())
             .and_then(|_| signal_hook::flag::register(signal, interrupted.clone()))
             .context("cannot handle signals")
             .map_err(Failure::Usage)?;
@@ -127,6 +130,7 @@ fn run(args: &Args) -> Result<u8, Failure> {
     println!("{}: {}", report.summary(), args.report.join("report.md").display());
     Ok(match report.count(Verdict::Failed) {
         _ if is_lost => 3,
+        _ if interrupted.load(Ordering::Relaxed) => INTERRUPTED as u8,
         0 if report.ended.is_none() => 0,
         _ => 1,
     })
