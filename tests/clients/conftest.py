@@ -76,7 +76,7 @@ def project_program(name):
         if path.exists()
     ]
     if not built:
-        pytest.exit(f'there is no {name}: run "cargo build -p {name}" first', 2)
+        pytest.exit(f'there is no {name}: run "cargo build --bin {name}" first', 2)
     return max(built, key=lambda path: path.stat().st_mtime)
 
 
