@@ -146,6 +146,8 @@ fn a_program_for_a_larger_chip_makes_mistakes_that_are_printed_once_and_counted(
     let expected =
         "MISTAKE AVR: the program writes 0x08ff, but the RAM of an ATmega168 ends at 0x04ff";
     assert!(text.contains(expected), "{text}");
+    let hint = "HINT    the program is for an ATmega328P, the board has an ATmega168";
+    assert!(text.contains(hint), "{text}");
     assert_eq!((code, &report["outcome"]), (Some(1), &json!("mistakes")));
     assert_eq!(report["exit_code"], 1);
     let kinds = report["mistakes"].as_array().unwrap();

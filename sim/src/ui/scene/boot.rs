@@ -10,9 +10,9 @@ use crate::ui::findings::Findings;
 use crate::ui::pace::Speed;
 use crate::ui::state::{Event, State};
 use crate::usage::OrUsage;
-use anyhow::{Context, Result, anyhow, ensure};
+use anyhow::{Context, Result, anyhow};
 use bench::autopilot::Autopilot;
-use bench::avr::{Avr, Chip, Firmware, ResetCause};
+use bench::avr::{Avr, Firmware, ResetCause};
 use bench::board::Board;
 use bench::budget::Budget;
 use bench::corner::Corner;
@@ -38,7 +38,7 @@ impl Scene {
         let wiring =
             Wiring::of_program(&firmware).with_context(|| path.display().to_string()).or_usage()?;
         let chip = args.wires.apply(wiring).or_usage()?.chip;
-        check_chip(&firmware, chip).with_context(|| path.display().to_string()).or_usage()?;
+        firmware.check_fits(chip).with_context(|| path.display().to_string()).or_usage()?;
         Scene::boot(&firmware, args)
     }
 
@@ -186,6 +186,11 @@ impl Scene {
         for text in scene.watched.iter().map(Watched::text) {
             scene.state.report(0, Event::Pin(text));
         }
+        let chip = scene.state.wiring.chip;
+        if let Some(own) = first.chip()?.filter(|own| *own != chip) {
+            let hint = format!("the program is for an {own}, the board has an {chip}");
+            scene.state.add_hint(0, hint);
+        }
         scene.collect()?;
         scene.update_links();
         scene.report_links(args);
@@ -217,14 +222,6 @@ fn bootloader(hex: Option<&Path>, wiring: &Wiring) -> Result<(Firmware, usize)> 
         anyhow!("the bootloader {}: {error:#}{advice}", path.display())
     });
     Ok((loader, start.or_usage()?))
-}
-
-/// Fails if the program is for another chip than the board has.
-fn check_chip(firmware: &Firmware, chip: Chip) -> Result<()> {
-    firmware.check_fits(chip)?;
-    let own = firmware.chip()?.unwrap_or(chip);
-    ensure!(own == chip, "the program is for an {own}, the board has an {chip}");
-    Ok(())
 }
 
 /// The program of the command line or of `make`. If it is for another chip or CAN board than
