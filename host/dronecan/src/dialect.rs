@@ -10,8 +10,9 @@
 //! 3. A frame of an unknown type has the dialect of the last NodeStatus on the bus; before the
 //!    first one it is v0.
 
+use crate::sessions::Outcome;
 use crate::types::{DataType, NODE_STATUS};
-use crate::{Assembler, CanId, Message, NodeId, Outcome, Transfer, draft};
+use crate::{Assembler, CanId, Message, NodeId, Transfer, draft};
 use std::fmt;
 use std::time::Duration;
 

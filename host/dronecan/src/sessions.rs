@@ -1,7 +1,6 @@
 //! Incomplete transfers of several frames, in either dialect.
 
 use crate::crc;
-use crate::transfer::Outcome;
 use std::collections::HashMap;
 use std::hash::Hash;
 use std::time::Duration;
@@ -36,6 +35,28 @@ struct Session {
     next: u8,
     frames: usize,
     stream: Vec<u8>,
+}
+
+/// The result of a frame.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Outcome<T> {
+    /// The transfer is complete, and its CRC is valid if it has one.
+    Complete(T),
+    /// The frame is part of a transfer that is not complete.
+    Partial,
+    /// The frame is not valid in its dialect; the text has the reason.
+    Invalid(&'static str),
+}
+
+impl<T> Outcome<T> {
+    /// The same with another form of the transfer.
+    pub fn map<U>(self, to: impl FnOnce(T) -> U) -> Outcome<U> {
+        match self {
+            Outcome::Complete(transfer) => Outcome::Complete(to(transfer)),
+            Outcome::Partial => Outcome::Partial,
+            Outcome::Invalid(why) => Outcome::Invalid(why),
+        }
+    }
 }
 
 /// All sessions of a bus, by what the frames of a transfer have in common. Of transfers that never

@@ -12,7 +12,7 @@
 use super::{
     Frame, crc,
     id::CanId,
-    sessions::{Part, Sessions},
+    sessions::{self, Part, Sessions},
     types::DataType,
 };
 use std::time::Duration;
@@ -67,26 +67,7 @@ pub struct Transfer {
 }
 
 /// The result of a frame.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum Outcome<T = Transfer> {
-    /// The transfer is complete, and its CRC is valid if it has one.
-    Complete(T),
-    /// The frame is part of a transfer that is not complete.
-    Partial,
-    /// The frame is not valid in its dialect; the text has the reason.
-    Invalid(&'static str),
-}
-
-impl<T> Outcome<T> {
-    /// The same with another form of the transfer.
-    pub fn map<U>(self, to: impl FnOnce(T) -> U) -> Outcome<U> {
-        match self {
-            Outcome::Complete(transfer) => Outcome::Complete(to(transfer)),
-            Outcome::Partial => Outcome::Partial,
-            Outcome::Invalid(why) => Outcome::Invalid(why),
-        }
-    }
-}
+pub type Outcome = sessions::Outcome<Transfer>;
 
 /// Data of the frames that carry `payload`, in order. `seed` is that of the data type; a
 /// single frame does not need it.

@@ -503,8 +503,8 @@ mod tests {
         has(&state, &[("/outcome", json!("crashed"))]);
     }
 
-    /// Each finding alone, and all together: the worst one is the outcome. What is not modelled is a
-    /// limit of the simulator, not of the program.
+    /// Each finding alone, and all together: the worst one is the outcome. What is not modelled is
+    /// a limit of the simulator, not of the program.
     #[test]
     fn a_strict_run_fails_for_each_finding_and_says_which() {
         let judged = |state: &State, is_strict| {

@@ -117,7 +117,7 @@ impl Transfer {
 }
 
 /// The result of a frame.
-pub type Outcome = crate::Outcome<Transfer>;
+pub type Outcome = crate::sessions::Outcome<Transfer>;
 
 /// What the frames of a transfer have in common except for the transfer ID.
 type Key = (u16, NodeId, Route);
