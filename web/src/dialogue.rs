@@ -233,7 +233,9 @@ impl Dialogue {
         } else if let Some(known) = known {
             if !request.value.is_empty() && response.value != request.value {
                 let (name, asked) = (response.name(), &request.value);
-                self.message = format!("{name} is not {asked}: the node rejected it");
+                self.message = format!(
+                    "{name} is not {asked}: the node rejected it; some change only while disarmed"
+                );
             }
             *known = response.clone();
             let is_of_file =

@@ -45,7 +45,11 @@ export class CheckCard {
     this.begin.disabled = !isUsable || (check?.runs ?? false);
     this.stop.disabled = !check?.runs;
     this.save.disabled = !check || check.runs;
+    const isNew = this.question.hidden && check?.question;
     this.answers.hidden = this.question.hidden = !check?.question;
+    if (isNew) {
+      this.answers.scrollIntoView({ block: "nearest" });
+    }
     if (!check) {
       return;
     }

@@ -66,9 +66,10 @@ pub async fn bursts_and_watch(desk: &Desk, plan: &Plan, board: &Board) -> Result
     let broken =
         if lost_bits { ", frames lost or transfers broken, says the status code" } else { "" };
     let seen = match (received, lost) {
-        (Some(received), _) => {
-            format!("{received} of {sent} received, and the requests beside them")
-        }
+        (Some(received), _) => match received.checked_sub(sent) {
+            Some(others) => format!("none of {sent}, beside which {others} more were received"),
+            None => format!("{} of {sent}", sent - received),
+        },
         (None, Some(lost)) => format!("{sent} sent, {lost} overruns on the serial monitor"),
         (None, None) => {
             format!("{sent} sent; the preset has no counters")

@@ -283,7 +283,11 @@ impl Session {
                 ERROR_INVALID_MODE => {
                     let text = response.text();
                     let why = if text.is_empty() { NO_UPDATES } else { &text };
-                    self.outcome = Some(Outcome::Failed(format!("refuses: {why}")))
+                    let advice = match text.starts_with("armed") {
+                        true => ": disarm it, stop the commands, and try again",
+                        false => "",
+                    };
+                    self.outcome = Some(Outcome::Failed(format!("refuses: {why}{advice}")))
                 }
                 error => {
                     self.outcome =
