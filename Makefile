@@ -169,7 +169,7 @@ bounds: firmware
 
 # The clients mostly wait for real time, so what only computes runs beside them and gives way.
 PARTS := test-clients test-firmware test-host test-library sources
-## what CI runs, except the page; eight minutes on two cores
+## what CI runs, except the page; eight to ten minutes on two cores
 test: setup-test
 	@CARGO_BUILD_WARNINGS=deny $(SIDE_BY_SIDE)3 $(PARTS)
 
