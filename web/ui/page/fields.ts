@@ -14,7 +14,9 @@ const keyOf = (text: string) => text.split(" ", 2).join(" ");
 export function numbersOf(text: string): [string, number][] {
   const found: [string, number][] = [];
   const seen = new Map<string, number>();
-  for (const entry of text.slice(keyOf(text).length).split(/[,;]/)) {
+  // The last entry of a long text is cut.
+  const entries = text.slice(keyOf(text).length).split(/[,;]/).filter((entry) => !entry.endsWith("…"));
+  for (const entry of entries) {
     const pairs = [...entry.matchAll(/(?:([A-Za-z_]\w*) )?(?<![\w.])([-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?)(?![\w.:])/g)];
     const [first] = pairs;
     const prefix = first?.[1] === "id" && pairs.length > 1 ? `id ${first[2]} ` : "";
