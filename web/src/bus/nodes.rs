@@ -6,7 +6,7 @@ use std::time::Duration;
 use bench::dronecan::text::hex;
 use bench::dronecan::{Decoded, Message, NodeId, NodeInfo, NodeStatus, draft};
 use bench::vendor_code;
-use node_tools::update::search::is_of_this_project;
+use node_tools::update::search::{TAKES_NO_UPDATES, is_of_this_project};
 use serde_json::{Value as Json, json};
 
 use crate::traffic::shown;
@@ -123,6 +123,7 @@ impl Known {
         let is_ours = info.is_some_and(is_of_this_project);
         let conditions =
             if is_ours { vendor_code::conditions(status.vendor_code) } else { Vec::new() };
+        let takes_none = info.is_some_and(|info| info.hardware.0 & TAKES_NO_UPDATES != 0);
         json!({
             "id": node.get(),
             "name": info.map(|info| shown(&info.name(), NAME_MAX)),
@@ -136,6 +137,7 @@ impl Known {
             "silent_s": now.saturating_sub(self.at).as_secs_f64(),
             "software": info.map(|info| version(info.software)),
             "hardware": info.map(|info| version(info.hardware)),
+            "takes_updates": !(is_ours && takes_none),
             "unique_id": info.map(|info| hex(&info.unique_id)),
         })
     }
@@ -187,6 +189,22 @@ mod tests {
         assert!(nodes.take_due(seconds(3)).is_empty());
         nodes.take(&decoded(42, Message::NodeInfo(Box::default())), seconds(0));
         assert!(nodes.take_due(seconds(0)).is_empty());
+    }
+
+    /// Bit 7 of the major hardware version has this meaning for this project's nodes only.
+    #[test]
+    fn a_node_of_this_project_tells_if_it_takes_updates() {
+        let mut nodes = Nodes::default();
+        for (name, hardware, takes) in [
+            ("org.dronecan.servo328", (2, 0), true),
+            ("org.dronecan.servo328", (130, 0), false),
+            ("org.example.esc", (130, 0), true),
+        ] {
+            nodes.take(&status(42, 5), seconds(0));
+            let info = NodeInfo { name: name.into(), hardware, ..NodeInfo::default() };
+            nodes.take(&decoded(42, Message::NodeInfo(Box::new(info))), seconds(0));
+            assert_eq!(nodes.json(seconds(1))[0]["takes_updates"], takes, "{name} {hardware:?}");
+        }
     }
 
     /// A name with an escape sequence and HTML: the first is made visible, and the page shows the

@@ -41,8 +41,6 @@ const NOTE =
 /** Lanes of the time line besides those of this page and of all others. */
 const NODE_LANES = 4;
 
-/** From this major hardware version on a node takes no updates (docs/update.md). */
-const TAKES_NO_UPDATES = 128;
 /** Programs that can be updated again. */
 const UPDATABLE = ["full", "remote"];
 
@@ -373,9 +371,9 @@ export class RealBusView {
     if (node?.hardware === null) {
       this.bus.ask_names();
       this.sayOfUpdate("The page asks the node what it is. Press again when its version is in the table.");
-    } else if (node && Number.parseInt(node.hardware, 10) >= TAKES_NO_UPDATES) {
+    } else if (node && !node.takes_updates) {
       this.sayOfUpdate(
-        `Node ${node.id} takes no updates over the bus: its bootloader is the Arduino's own, or its program has no updates. Flash it in "Your board".`,
+        `Node ${node.id} takes no update over the bus: its bootloader is the Arduino's own, or its program is one without updates. Flash it in "Your board".`,
       );
     } else if (node) {
       const known = Object.entries(boards.files).filter(([key]) => UPDATABLE.includes(key.split(" ")[2]));

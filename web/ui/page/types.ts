@@ -157,6 +157,8 @@ export interface BusNode {
   silent_s: number;
   software: string | null;
   hardware: string | null;
+  /** False if it says that it takes none over the bus. */
+  takes_updates: boolean;
   unique_id: string | null;
 }
 
