@@ -234,7 +234,8 @@ impl Dialogue {
             if !request.value.is_empty() && response.value != request.value {
                 let (name, asked) = (response.name(), &request.value);
                 self.message = format!(
-                    "{name} is not {asked}: the node rejected it; some change only while disarmed"
+                    "{name} is not {asked}: the node rejected it. Some parameters change only \
+                     while the vehicle is disarmed"
                 );
             }
             *known = response.clone();

@@ -55,7 +55,6 @@ pub enum Fate {
 #[derive(Debug, Default)]
 pub(super) struct FrameLog {
     closed: VecDeque<LoggedFrame>,
-    /// Their fate is [`Fate::Lost`] until they leave.
     held: [Option<LoggedFrame>; 2],
 }
 
@@ -136,7 +135,7 @@ impl Mcp2515 {
         self.log.push(self.logged(frame, buffer, at));
     }
 
-    /// An entry of the log for a frame that is lost unless it has a buffer that is cleared.
+    /// An entry of the log. Its fate is [`Fate::Lost`] until [`FrameLog::close`] gives it another.
     fn logged(&self, frame: Frame, buffer: usize, at: Cycles) -> LoggedFrame {
         LoggedFrame {
             frame,

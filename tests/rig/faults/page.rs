@@ -100,9 +100,9 @@ const CHAPTERS: [(&str, &[&Case]); 4] = [
 
 /// The cells of a case's row.
 fn row(case: &Case, measured: Measured) -> [String; 6] {
-    let logged = case
-        .logged_limit_ms
-        .map(|limit| format!("{:.0} ({limit})", measured.logged_ms.unwrap_or(f64::NAN)));
+    let logged = case.logged_limit_ms.map(|limit| {
+        format!("{:.0} ({limit})", measured.logged_ms.expect("Case::run has checked it"))
+    });
     [
         case.fault.into(),
         case.noticed.into(),

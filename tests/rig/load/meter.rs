@@ -97,16 +97,16 @@ impl Instruction {
 /// before.
 const PAUSE: Cycles = 300;
 
-/// Measures how a driver reads the frames that its controller receives.
+/// Measures how a driver reads the frames that its controller receives, except in listen-only mode.
 #[derive(Default)]
 pub struct Meter {
     open: Option<Instruction>,
     check: Option<(Cycles, Cycles, usize)>,
     reads: Vec<Instruction>,
     newest_received_at: Cycles,
-    /// Number of frames read and released, without those that the controller only listened to.
+    /// Number of frames read and released.
     pub frames: u64,
-    /// Number of frames lost because both buffers were full, without the same.
+    /// Number of frames lost because both buffers were full.
     pub lost: u64,
     /// Times at which they were complete.
     pub lost_at: Vec<Cycles>,

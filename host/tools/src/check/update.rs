@@ -22,7 +22,7 @@ pub async fn update(desk: &Desk, plan: &Plan, board: &Board) -> Result<(), Strin
         return Ok(());
     };
     if info.hardware.0 & TAKES_NO_UPDATES != 0 {
-        // As it comes from "make flash": the Arduino's own bootloader serves as well.
+        // No failure: "make flash" leaves the Arduino's own bootloader on the board.
         desk.skip(
             "Update",
             "the bootloader takes none over the bus: \"make bootloader\" writes one that does",

@@ -65,11 +65,8 @@ pub async fn bursts_and_watch(desk: &Desk, plan: &Plan, board: &Board) -> Result
     let missing = received.map(|received| u64::from(sent).saturating_sub(u64::from(received)));
     let broken =
         if lost_bits { ", frames lost or transfers broken, says the status code" } else { "" };
-    let seen = match (received, lost) {
-        (Some(received), _) => match received.checked_sub(sent) {
-            Some(others) => format!("none of {sent}, beside which {others} more were received"),
-            None => format!("{} of {sent}", sent - received),
-        },
+    let seen = match (missing, lost) {
+        (Some(missing), _) => format!("{missing} of {sent}"),
         (None, Some(lost)) => format!("{sent} sent, {lost} overruns on the serial monitor"),
         (None, None) => {
             format!("{sent} sent; the preset has no counters")
