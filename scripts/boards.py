@@ -166,7 +166,19 @@ def firmware_changed_since(commit):
     """Files of the firmware that have changed since a commit; None if it is not in this clone."""
     line = ["git", "diff", "--name-only", commit.split("-")[0], "--", *FIRMWARE.split()]
     done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True)
-    return None if done.returncode else [n for n in done.stdout.split() if "tests" not in n]
+    if done.returncode:
+        return None
+    was, now = output("git", "show", f"{line[3]}:Cargo.toml"), (ROOT / "Cargo.toml").read_text()
+    same = {"Cargo.toml"} if without_host(was) == without_host(now) else set()
+    return [name for name in done.stdout.split() if "tests" not in name and name not in same]
+
+
+def without_host(manifest):
+    """A Cargo.toml without the profiles of tests and of the page, which no firmware has."""
+    read = tomllib.loads(manifest)
+    for name in ("dev", "web"):
+        del read["profile"][name]
+    return read
 
 
 def fill(page, word, blocks, check=False):

@@ -69,10 +69,20 @@ fn invalid_frames_are_rejected() {
     }
 }
 
-/// The remaining frames must not complete the command a minute later either, when the node's 16-bit
-/// clock has wrapped.
 #[test]
 fn an_incomplete_command_is_dropped_and_logged_after_50_ms() {
+    after_an_incomplete_command(100);
+}
+
+/// When the node's 16-bit clock has wrapped.
+#[test]
+#[ignore = "takes long: make test-all"]
+fn the_rest_of_a_command_does_not_complete_it_a_minute_later() {
+    after_an_incomplete_command(65_536 + 100);
+}
+
+/// The remaining frames of a command come after this time.
+fn after_an_incomplete_command(ms: u64) {
     let mut rig = Rig::positioned();
     rig.set("OUT1_TIMEOUT", 0);
     let frames = array_command(&[(1, 0, -1.0), (2, 0, 0.0), (3, 0, 0.0)], 7);
@@ -80,7 +90,7 @@ fn an_incomplete_command_is_dropped_and_logged_after_50_ms() {
     rig.run_ms(45);
     assert!(!rig.serial.contains("broken"), "{}", rig.serial);
     rig.wait_for_line("refused: type 1010 from 10, broken", 10);
-    rig.run_ms(65_536 + 100);
+    rig.run_ms(ms);
     for data in &frames[1..] {
         rig.send(ARRAY_COMMAND | 10, data);
     }
