@@ -190,6 +190,9 @@ const tests = {
     await page.evaluate(() => window.fakePort.lose());
     await says(page, /was unplugged/);
     assert.match(await page.locator("#real-port").innerText(), /unplugged/);
+    // A press while it is unplugged asks for a port, and forgets none.
+    await page.click("#real-flash");
+    await says(page, /No port was chosen/);
     await plug(page);
     await says(page, /plugged in again/);
     await flash(page);
@@ -202,10 +205,10 @@ const tests = {
     await says(page, /plugged in again/);
     assert.doesNotMatch((await page.locator("#real-status").getAttribute("class")) ?? "", /wrong/);
     await flash(page);
-    assert.equal(await page.evaluate(() => window.requests), 1);
+    assert.equal(await page.evaluate(() => window.requests), 2, "the first choice, and that without a board");
     // The choice is opened, and the monitor goes on.
     await page.click("#real-other");
-    await until(page, "the choice", async () => (await page.evaluate(() => window.requests)) === 2);
+    await until(page, "the choice", async () => (await page.evaluate(() => window.requests)) === 3);
     assert.equal(await page.locator("#real-connect").innerText(), "Disconnect");
   },
 

@@ -254,6 +254,7 @@ const tests = {
     await says(page, /port is gone/);
     await has(page, "#can-updates", /NOT updated: has no program now. Its bootloader waits/);
     await page.evaluate(() => window.plug());
+    await says(page, /plugged in again: press Connect/);
     await page.click("#can-connect");
     await page.click("#can-names");
     await hasNode(page, 120, /SOFTWARE_UPDATE|MAINTENANCE/);

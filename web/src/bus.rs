@@ -220,9 +220,9 @@ impl RealBus {
 
     /// Ends the session. Returns the bytes that close the adapter's channel.
     pub fn disconnect(&mut self) -> Vec<u8> {
-        let Some(_) = self.adapter else { return Vec::new() };
+        let was_open = self.adapter.is_some();
         self.end();
-        b"\rC\r".to_vec()
+        if was_open { b"\rC\r".to_vec() } else { Vec::new() }
     }
 
     /// Ends the session, because the port or the adapter does not work; `why` in words.

@@ -36,6 +36,8 @@ function listenToFiles() {
       void simulated.open(file);
     } else if (views.shown === "board") {
       void realBoard.open(file);
+    } else {
+      realBus.refuse(file);
     }
   });
 }

@@ -160,9 +160,9 @@ export class RealBoard {
    */
   private async choose(another = false) {
     if (!another && this.port?.isGone) {
-      this.use(await findAgain(this.port));
+      this.use((await findAgain(this.port)) ?? this.port);
     }
-    if (this.port === null || another) {
+    if (another || this.port === null || this.port.isGone) {
       const chosen = await choosePort();
       if (chosen === null) {
         this.say("No port was chosen. A board that is not in the list has a cable without data wires, or needs the driver of its USB chip (CH340, FTDI).");
@@ -180,16 +180,14 @@ export class RealBoard {
     return this.port;
   }
 
-  private use(port: Port | null) {
+  private use(port: Port) {
     this.port = port;
-    if (port !== null) {
-      port.whenGone = () => {
-        if (port === this.port && !port.isOpen) {
-          this.say("The board was unplugged. Plug it in again, and press Flash.");
-          this.enable();
-        }
-      };
-    }
+    port.whenGone = () => {
+      if (port === this.port && !port.isOpen) {
+        this.say("The board was unplugged. Plug it in again, and press Flash.");
+        this.enable();
+      }
+    };
   }
 
   /** The bytes to write, from beside the page or from the user's file. */

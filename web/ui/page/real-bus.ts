@@ -6,7 +6,7 @@ import { BusPanel } from "./bus-panel";
 import { CheckCard } from "./check";
 import { byId, download, make, setText, timeLeft } from "./dom";
 import { Parameters } from "./parameters";
-import { Port, choosePort, findAgain, whyNoPorts } from "./ports";
+import { Port, choosePort, findAgain, whenPluggedIn, whyNoPorts } from "./ports";
 import { SimulatedPort } from "./simulated-port";
 import { Tabs } from "./tabs";
 import type { Lane } from "./timeline";
@@ -139,6 +139,20 @@ export class RealBusView {
       this.say("No port was chosen. An adapter that is not in the list needs the driver of its USB chip.", true);
     }
     return chosen;
+  }
+
+  /** An adapter that was unplugged is there again. */
+  private async notice() {
+    const { port } = this;
+    if (port instanceof Port && port.isGone && !this.isConnected) {
+      const found = await findAgain(port);
+      if (found !== null && port === this.port) {
+        this.port = found;
+        // With it ends the trouble that it had.
+        this.bus.disconnect();
+        this.say("The adapter is plugged in again: press Connect.");
+      }
+    }
   }
 
   private async connect(another = false) {
@@ -365,6 +379,13 @@ export class RealBusView {
     }
   }
 
+  /** A file that is dropped by accident must not update a node of an aircraft. */
+  refuse(file: File | undefined) {
+    if (file) {
+      this.sayOfUpdate(`${file.name}: choose a node, and then the file with "Update with a .bin".`);
+    }
+  }
+
   /** Updates the chosen node with the page's own program for its hardware. */
   private async updateToOwn() {
     const { chosen: node } = this;
@@ -394,6 +415,7 @@ export class RealBusView {
     const connect = (another: boolean) => {
       this.connect(another).catch((error) => this.say(error instanceof Error ? error.message : String(error), true));
     };
+    whenPluggedIn(() => void this.notice());
     click("can-connect", () => {
       if (this.isConnected) {
         this.farewell = this.bus.disconnect();
