@@ -22,6 +22,7 @@ const only = options.find((option) => !option.startsWith("--") && option !== pic
 /** Longest wait for a state of the page. A loaded machine simulates slowly. */
 const PATIENCE_MS = Number(process.env.PATIENCE_MS ?? 60_000);
 const { context, close } = await launch();
+await context.grantPermissions(["clipboard-read", "clipboard-write"]);
 const { server, address } = await serve(directory);
 
 /** Opens the page. Fails if anything is written to the console as an error, or asks another host. */
@@ -92,6 +93,14 @@ const readParameters = async (page) => {
   await page.click("#part-parameters");
   await page.click("#read");
   await until("all parameters are read", async () => /parameters read/.test(await text(page, "#client")));
+};
+
+/** The address that "Link to this" copies. */
+const link = async (page) => {
+  await page.click("#part-more");
+  await page.click("#link");
+  await until("words", async () => /restores what runs now is copied/.test(await text(page, "#notice")));
+  return page.evaluate(() => navigator.clipboard.readText());
 };
 
 /** The value of a parameter, in its tab. */
@@ -225,7 +234,8 @@ const tests = {
     const rows = () => page.locator("#table td:nth-child(2)").filter({ visible: true }).count();
     const all = await rows();
     await page.fill("#search", "failsafe");
-    assert.ok((await rows()) > 0 && (await rows()) < all / 2, "those whose meaning has the word");
+    const few = async () => (await rows()) > 0 && (await rows()) < all / 2;
+    await until("those whose meaning has the word", few);
     await page.fill("#search", "");
     await page.selectOption("#group", "Output 1");
     const [first, last] = [parameter(page, "OUT1_TRIM"), parameter(page, "OUT2_TRIM")];
@@ -560,10 +570,7 @@ const tests = {
     await page.click("#part-bench");
     await page.click("#fault-cable");
     await until("the fault is on", () => isPressed(page, "#fault-cable"));
-    await page.click("#part-more");
-    await page.click("#link");
-    await until("words", async () => /restores what runs/.test(await text(page, "#notice")));
-    const url = page.url();
+    const url = await link(page);
     await page.close();
 
     const other = await open(t, { url });
@@ -572,6 +579,24 @@ const tests = {
     await until("the fault", () => isPressed(other, "#fault-cable"));
     assert.equal(await parameter(other, "OUT1_TRIM").inputValue(), "1444");
     assert.equal(await parameter(other, "OUT1_MAX").inputValue(), "1888");
+    // What is saved there lasts over a reload, and what is not saved does not; another tab has the link's.
+    await other.click("#part-bench");
+    await other.click("#fault-cable");
+    await other.click("#part-parameters");
+    await parameter(other, "OUT1_TRIM").fill("1455");
+    await parameter(other, "OUT1_TRIM").press("Enter");
+    await until("it is set", async () => (await text(other, "#client")).includes("OUT1_TRIM = 1455"));
+    await other.click("#save");
+    await until("it is saved", async () => /^saved/.test(await text(other, "#client")));
+    await new Promise((done) => setTimeout(done, 1500));
+    await other.reload();
+    await other.click("#part-parameters");
+    await until("the parameters", async () => /parameters read/.test(await text(other, "#client")));
+    assert.equal(await parameter(other, "OUT1_TRIM").inputValue(), "1455");
+    const third = await open(t, { url });
+    await until("the fault", () => isPressed(third, "#fault-cable"));
+    assert.equal(await parameter(third, "OUT1_TRIM").inputValue(), "1444");
+    await third.close();
     // The program's own EEPROM is not the link's.
     await other.selectOption("#program", { index: 0 });
     await other.selectOption("#program", DIECIMILA);
@@ -600,10 +625,7 @@ const tests = {
     await becomes(1492.5);
     await page.selectOption("#corner", "random");
     const values = await text(page, "#corner-text");
-    await page.click("#part-more");
-    await page.click("#link");
-    await until("words", async () => /restores what runs/.test(await text(page, "#notice")));
-    const url = page.url();
+    const url = await link(page);
     await page.close();
     const other = await open(t, { url });
     assert.equal(await text(other, "#corner-text"), values);
@@ -611,6 +633,21 @@ const tests = {
     assert.equal(await text(other, "#corner-text"), "Typical values");
     await isRunning(other);
     return other;
+  },
+
+  async "Back returns to the view before, where the program of a link goes on"(t) {
+    const page = await open(t, { url: `${address}#program=Diecimila%3A+remote` });
+    await isRunning(page);
+    await page.click("#armed");
+    await until("it is disarmed", async () => (await text(page, "#armed")) === "Disarmed");
+    await page.click("#tab-board");
+    await page.click("#tab-bus");
+    await page.goBack();
+    assert.equal(await page.locator("#view-board").isVisible(), true);
+    await page.goBack();
+    assert.equal(await page.locator("#view-simulated").isVisible(), true);
+    assert.equal(await text(page, "#armed"), "Disarmed");
+    return page;
   },
 
   async "a link without a pattern has that of its program"(t) {
@@ -674,6 +711,10 @@ const tests = {
     await until("the fault, at its time", async () => /cable 1\.2 s/.test(await text(page, "#marks")));
     await drop("b.script", "(1) jump\n");
     await until("words", async () => /b.script: line 1: expected/.test(await text(page, "#notice")));
+    // What is dropped on the real bus may be an accident: it updates no node.
+    await page.click("#tab-bus");
+    await drop("full.bin", "a program");
+    assert.match(await text(page, "#can-update-status"), /full\.bin: choose a node, and then the file with/);
     return page;
   },
 

@@ -3,6 +3,8 @@
 
 const ERASED = 0xff;
 const key = (program: string) => `EEPROM of ${program}`;
+/** That of a link, whose name is the address from its `#` on, ends with the tab. */
+const storage = (program: string) => (program.startsWith("#") ? sessionStorage : localStorage);
 
 /** The bytes as text, without those at the end that are erased. */
 export function encode(bytes: Uint8Array) {
@@ -13,7 +15,7 @@ export function encode(bytes: Uint8Array) {
 /** The bytes that the program left, or `fresh` if there are none or too many. */
 export function kept(program: string, fresh: Uint8Array) {
   try {
-    const text = localStorage.getItem(key(program));
+    const text = storage(program).getItem(key(program));
     if (text === null) {
       return fresh;
     }
@@ -26,11 +28,20 @@ export function kept(program: string, fresh: Uint8Array) {
   }
 }
 
+/** True if the program left bytes. */
+export function isKept(program: string) {
+  try {
+    return storage(program).getItem(key(program)) !== null;
+  } catch {
+    return false;
+  }
+}
+
 /** Keeps bytes that are encoded. */
 export function keep(program: string, text: string) {
   try {
-    if (localStorage.getItem(key(program)) !== text) {
-      localStorage.setItem(key(program), text);
+    if (storage(program).getItem(key(program)) !== text) {
+      storage(program).setItem(key(program), text);
     }
   } catch {
     // The page works without.
@@ -40,7 +51,7 @@ export function keep(program: string, text: string) {
 /** The next start has the EEPROM of the file. */
 export function forget(program: string) {
   try {
-    localStorage.removeItem(key(program));
+    storage(program).removeItem(key(program));
   } catch {
     // Nothing was kept.
   }

@@ -1,8 +1,8 @@
 // What the simulated board runs: a program of the page, a file of the user, or what a link says.
 
 import { byId } from "./dom";
-import { keep } from "./eeprom";
-import { type Link, fromHash } from "./link";
+import { isKept, keep } from "./eeprom";
+import { type Link, fromHash, toHash } from "./link";
 import { type Choices, type Cure, OwnBoard } from "./own-board";
 import { type Choice, PROGRAMS } from "./programs";
 import type { World } from "./world";
@@ -28,6 +28,8 @@ export class ProgramChoice {
   private own: Choice | null = null;
   /** A link whose program the user has to choose. */
   private waitingLink: Link | null = null;
+  /** The link that was loaded last. */
+  private loaded = "";
 
   constructor(
     private readonly runner: Runner,
@@ -99,7 +101,9 @@ export class ProgramChoice {
   openLink() {
     const link = fromHash(location.hash);
     const program = PROGRAMS.find(({ name }) => name === link?.program);
-    if (link && program) {
+    if (link && toHash(link) === this.loaded) {
+      // The user is back from another view.
+    } else if (link && program) {
       this.loadLink(link, program.bytes);
     } else if (link) {
       this.waitingLink = link;
@@ -109,14 +113,19 @@ export class ProgramChoice {
 
   private loadLink(link: Link, bytes: Uint8Array) {
     // The user's own EEPROM of the program stays.
-    const keptAs = "a link";
-    keep(keptAs, link.eeprom);
+    const keptAs = toHash(link);
+    const isReload = isKept(keptAs);
+    if (!isReload) {
+      keep(keptAs, link.eeprom);
+    }
+    this.loaded = keptAs;
     const { program: name, pattern, wiring } = link;
     const known = PROGRAMS.find((program) => program.name === name);
     const isOwn = known === undefined;
     const autopilot = pattern || (known?.autopilot ?? this.runner.pattern);
-    const choice = { name, bytes, autopilot, keptAs, wiring: isOwn ? wiring : undefined };
+    const choice = { ...known, name, bytes, autopilot, keptAs, wiring: isOwn ? wiring : undefined };
     this.own = isOwn ? choice : null;
-    this.runner.restore(choice, link);
+    // After a reload the board has what was saved, and no more, as after any loss of its supply.
+    this.runner.restore(choice, isReload ? { ...link, parameters: [], faults: [] } : link);
   }
 }

@@ -163,7 +163,7 @@ export class SimulatedView implements Runner, Toured {
     return this.programs.open(file);
   }
 
-  /** The address of the page gets what runs. */
+  /** Copies an address that restores what runs. */
   private async copyLink() {
     const hash = toHash({
       program: this.current.name,
@@ -175,13 +175,13 @@ export class SimulatedView implements Runner, Toured {
       parameters: this.parameters.unsaved.map(([name, text]) => [name, Number(text)]),
       faults: this.snapshot.faults,
     });
-    history.replaceState(null, "", hash);
-    const isCopied = await navigator.clipboard?.writeText(location.href).then(
-      () => true,
-      () => false,
-    );
-    const how = isCopied ? "It is copied." : "Copy it from there.";
-    this.notice(`The address of this page restores what runs now. ${how}`, false);
+    try {
+      await navigator.clipboard.writeText(new URL(hash, location.href).href);
+      this.notice("A link that restores what runs now is copied.", false);
+    } catch {
+      history.replaceState(null, "", hash);
+      this.notice("The address of this page restores what runs now. Copy it from there.", false);
+    }
   }
 
   // ---- what it shows ----

@@ -14,8 +14,10 @@ export class Views {
   constructor() {
     for (const name of this.names()) {
       byId(`tab-${name}`).addEventListener("click", () => {
-        history.replaceState(null, "", name === this.names()[0] ? "#" : `#view=${name}`);
-        this.show(name);
+        if (name !== this.shown) {
+          history.pushState(null, "", name === this.names()[0] ? "#" : `#view=${name}`);
+          this.show(name);
+        }
       });
     }
     window.addEventListener("hashchange", () => this.follow());
