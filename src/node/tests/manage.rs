@@ -265,3 +265,185 @@ fn an_update_that_is_called_off_during_a_save_is_rejected_in_the_reply() {
         assert_eq!(log.contains("update called off"), is_armed && cfg!(feature = "monitor"));
     }
 }
+
+/// uavcan/protocol/1.GetNodeInfo.uavcan: status, version, hardware with the unique ID, name.
+#[cfg(feature = "standard")]
+#[test]
+fn node_info_has_the_unique_id_and_the_name_and_says_whether_updates_are_taken() {
+    for has_loader in [false, true] {
+        let mut rig = Rig::new();
+        rig.program.node.update.start(has_loader);
+        let replies = rig.ask_frames(&golden::frames("1E01F8FF C4"));
+        let (payload, transfer_id) = golden::payload(golden::GET_NODE_INFO, &replies);
+        assert_eq!((golden::id(&replies[0]), transfer_id), (0x1E01_7FF8, 4));
+        // The highest bit of the hardware's version.
+        let takes_updates = payload[22] & 0x80 == 0;
+        assert_eq!(takes_updates, has_loader && cfg!(feature = "update"));
+        assert_eq!(payload[24..40], *rig.program.node.unique_id());
+        assert_eq!(payload[40], 0, "no certificate");
+        let name = String::from_utf8(payload[41..].to_vec()).unwrap();
+        assert!(name.starts_with("org.dronecan.servo"), "{name}");
+    }
+}
+
+/// Lengths that the DSDL does not allow, and vehicles that are not the node's.
+#[cfg(feature = "safety")]
+#[test]
+fn states_of_a_wrong_length_or_of_a_node_that_is_no_autopilot_are_refused() {
+    let mut rig = Rig::new();
+    rig.status_of(10);
+    let texts = [
+        ("1001550A 01 00 00 00 00 00 C0", 1),
+        ("18044C0A FF 00 C0", 1),
+        ("18044C0B FF C0", 1),
+        ("18044C0A FF C1", 0),
+        ("184E200A FF 00 C0", 1),
+        ("184E200B FF C0", 1),
+        ("184E200A FF C1", 0),
+        ("1E0BF8FF 00 C0", 1),
+    ];
+    for (text, refused) in texts {
+        let before = rig.program.node.health().counts.refused;
+        rig.text(text);
+        let after = rig.program.node.health().counts.refused;
+        assert_eq!(after - before, refused, "{text}");
+    }
+}
+
+/// uavcan/protocol/4.GetTransportStats.uavcan: transfers sent, received and with errors.
+#[cfg(feature = "stats")]
+#[test]
+fn transport_stats_count_what_was_received_and_what_was_broken() {
+    let mut rig = Rig::new();
+    let mut stats = || {
+        let replies = rig.ask_frames(&golden::frames("1E04F8FF C4"));
+        let (payload, _) = golden::payload(golden::GET_TRANSPORT_STATS, &replies);
+        let number = |n: usize| {
+            u64::from_le_bytes([&payload[6 * n..][..6], &[0; 2]].concat().try_into().unwrap())
+        };
+        let counted = [number(1), number(2)];
+        rig.text("1003F20A 12 F3 01 00 00 38 02 88 | 00 00 BC 03 04 DC 66 68");
+        counted
+    };
+    let [received, broken] = stats();
+    assert_eq!(stats(), [received + 1, broken + 1]);
+}
+
+#[cfg(feature = "allocation")]
+#[test]
+fn a_node_without_an_id_takes_the_one_of_the_allocator_and_of_no_other_message() {
+    let mut rig = Rig::with(&[(Parameter::CanNode, 0)]);
+    let unique_id = *rig.program.node.unique_id();
+    let mut answer = |node: u8, confirmed: usize| {
+        rig.run(1000);
+        let asked = rig.can.sent.len();
+        let payload = [&[node << 1], &unique_id[..confirmed]].concat();
+        rig.frames(&golden::transfer(0x1E00_017F, golden::ALLOCATION, 1, &payload));
+        (asked > 0, rig.program.node.id())
+    };
+    // Its first six bytes, twelve, and all with an ID; before them an ID for another node.
+    for (node, confirmed, expected) in
+        [(42, 5, 0), (0, 6, 0), (0, 12, 0), (42, 16, 42), (43, 16, 42)]
+    {
+        assert_eq!(answer(node, confirmed), (true, expected), "{confirmed} bytes");
+    }
+}
+
+/// uavcan/equipment/indication/1081.LightsCommand.uavcan
+#[cfg(feature = "lights")]
+#[test]
+fn the_light_has_the_brightest_colour_of_its_own_entry() {
+    let mut rig = Rig::with(&[(Parameter::LightId, 3)]);
+    for (entries, expected) in
+        [("04 FF FF", 0), ("03 80 00", 132), ("03 07 E0", 255), ("03 00 1F", 255), ("03 00 00", 0)]
+    {
+        rig.text(&format!("1804390A {entries} C0"));
+        rig.run(2);
+        assert_eq!(rig.light, expected, "{entries}");
+    }
+}
+
+/// ardupilot/indication/20001.Button.uavcan, and KeyValue, whose number is that of the presses.
+#[cfg(feature = "button")]
+#[test]
+fn a_press_is_told_ten_times_a_second_and_counted() {
+    let mut rig = Rig::new();
+    rig.run(1500);
+    rig.can.sent.clear();
+    rig.is_pressed = true;
+    rig.run(550);
+    rig.is_pressed = false;
+    rig.run(500);
+    let of = |rig: &Rig, data_type: u32| -> Vec<Vec<u8>> {
+        let is_its = |frame: &Frame| golden::id(frame) >> 8 & 0xFFFF == data_type;
+        let sent = rig.can.sent.iter().map(|(_, frame)| frame).filter(|frame| is_its(frame));
+        sent.map(|frame| frame.data()[..frame.data().len() - 1].to_vec()).collect()
+    };
+    assert_eq!(of(&rig, 20_001), [1, 2, 3, 4, 5].map(|tenths| vec![1, tenths]));
+    let [one] = 1.0_f32
+        .to_le_bytes()
+        .chunks(4)
+        .map(|bytes| bytes.to_vec())
+        .collect::<Vec<_>>()
+        .try_into()
+        .unwrap();
+    assert_eq!(of(&rig, 16_370), [[one, b"btn".to_vec()].concat()]);
+}
+
+/// A motor would stop.
+#[cfg(feature = "outputs")]
+#[test]
+fn while_it_is_armed_the_number_the_ids_and_the_types_of_the_outputs_stay() {
+    let fixed = [
+        (Parameter::OutCount.index(), 2),
+        (OutputParameter::Type.index(0), 1),
+        (OutputParameter::Id.index(0), 9),
+    ];
+    let changes = |status: u8| {
+        let mut rig = Rig::new();
+        rig.status_of(10);
+        rig.hear(&golden::frame(0x1804_4C0A, &[status, 0xC0]));
+        fixed.map(|(index, value)| {
+            let before = rig.program.node.parameters.value(index);
+            response(&rig.get_set(&set(index.into(), value, "")));
+            rig.program.node.parameters.value(index) != before
+        })
+    };
+    assert_eq!(changes(255), fixed.map(|_| false));
+    assert_eq!(changes(0), fixed.map(|_| true));
+}
+
+/// uavcan/protocol/file/40.BeginFirmwareUpdate.uavcan: error 0 is OK.
+#[cfg(feature = "update")]
+#[test]
+fn an_update_is_refused_without_a_loader_while_outputs_are_in_use_and_for_a_long_path() {
+    const SIGNATURE: u64 = 0xB7D7_25DF_7272_4126;
+    for (has_loader, is_commanded, path_len, is_refused) in [
+        (true, false, 24, false),
+        (false, false, 24, true),
+        (true, true, 24, true),
+        (true, false, 25, true),
+    ] {
+        let mut rig = Rig::new();
+        rig.program.node.update.start(has_loader);
+        if is_commanded {
+            rig.command(1500.0);
+        }
+        let payload = [vec![0], vec![b'a'; path_len]].concat();
+        let replies = rig.ask_frames(&golden::transfer(0x1E28_F8FF, SIGNATURE, 9, &payload));
+        let (answer, _) = golden::payload(SIGNATURE, &replies);
+        assert_eq!(answer[0] != 0, is_refused, "{}", String::from_utf8_lossy(&answer[1..]));
+    }
+}
+
+/// uavcan/protocol/param/11.GetSet.uavcan: all parameters are integers.
+#[cfg(feature = "standard")]
+#[test]
+fn a_float_or_a_truth_value_sets_nothing_and_the_name_behind_it_is_read() {
+    let mut rig = Rig::new();
+    let by_name = rig.get_set(b"\0\0CAN_NODE");
+    for value in [&[2, 0, 0, 0x80, 0x3F][..], &[3, 1]] {
+        let answer = rig.get_set(&[&[0], value, b"CAN_NODE"].concat());
+        assert_eq!(answer, by_name, "{value:?}");
+    }
+}
