@@ -3,6 +3,8 @@
 use super::*;
 #[cfg(feature = "standard")]
 use crate::hardware::OUTPUTS;
+#[cfg(feature = "standard")]
+use crate::parts::update;
 #[cfg(all(feature = "standard", feature = "monitor"))]
 use crate::tables::bit_rate;
 use dronecan_wire::Id;
@@ -256,7 +258,7 @@ fn an_update_that_is_called_off_during_a_save_is_rejected_in_the_reply() {
         assert_eq!(modes.contains(&3), !is_armed, "{modes:?}");
         replies.retain(|frame| golden::id(frame) == 0x1E28_7FF8);
         if is_armed {
-            let (payload, _) = golden::payload(0xB7D7_25DF_7272_4126, &replies);
+            let (payload, _) = golden::payload(golden::BEGIN_FIRMWARE_UPDATE, &replies);
             assert_eq!(payload, *b"\x01armed, or a command in the last 2 s");
         } else {
             assert_eq!(golden::text(&replies), "1E287FF8 00 C9");
@@ -278,7 +280,7 @@ fn node_info_has_the_unique_id_and_the_name_and_says_whether_updates_are_taken()
         assert_eq!((golden::id(&replies[0]), transfer_id), (0x1E01_7FF8, 4));
         // The highest bit of the hardware's version.
         let takes_updates = payload[22] & 0x80 == 0;
-        assert_eq!(takes_updates, has_loader && cfg!(feature = "update"));
+        assert_eq!(takes_updates, has_loader && update::IS_THERE);
         assert_eq!(payload[24..40], *rig.program.node.unique_id());
         assert_eq!(payload[40], 0, "no certificate");
         let name = String::from_utf8(payload[41..].to_vec()).unwrap();
@@ -380,14 +382,7 @@ fn a_press_is_told_ten_times_a_second_and_counted() {
         sent.map(|frame| frame.data()[..frame.data().len() - 1].to_vec()).collect()
     };
     assert_eq!(of(&rig, 20_001), [1, 2, 3, 4, 5].map(|tenths| vec![1, tenths]));
-    let [one] = 1.0_f32
-        .to_le_bytes()
-        .chunks(4)
-        .map(|bytes| bytes.to_vec())
-        .collect::<Vec<_>>()
-        .try_into()
-        .unwrap();
-    assert_eq!(of(&rig, 16_370), [[one, b"btn".to_vec()].concat()]);
+    assert_eq!(of(&rig, 16_370), [[&1.0_f32.to_le_bytes()[..], b"btn"].concat()]);
 }
 
 /// A motor would stop.
@@ -417,7 +412,6 @@ fn while_it_is_armed_the_number_the_ids_and_the_types_of_the_outputs_stay() {
 #[cfg(feature = "update")]
 #[test]
 fn an_update_is_refused_without_a_loader_while_outputs_are_in_use_and_for_a_long_path() {
-    const SIGNATURE: u64 = 0xB7D7_25DF_7272_4126;
     for (has_loader, is_commanded, path_len, is_refused) in [
         (true, false, 24, false),
         (false, false, 24, true),
@@ -430,8 +424,13 @@ fn an_update_is_refused_without_a_loader_while_outputs_are_in_use_and_for_a_long
             rig.command(1500.0);
         }
         let payload = [vec![0], vec![b'a'; path_len]].concat();
-        let replies = rig.ask_frames(&golden::transfer(0x1E28_F8FF, SIGNATURE, 9, &payload));
-        let (answer, _) = golden::payload(SIGNATURE, &replies);
+        let replies = rig.ask_frames(&golden::transfer(
+            0x1E28_F8FF,
+            golden::BEGIN_FIRMWARE_UPDATE,
+            9,
+            &payload,
+        ));
+        let (answer, _) = golden::payload(golden::BEGIN_FIRMWARE_UPDATE, &replies);
         assert_eq!(answer[0] != 0, is_refused, "{}", String::from_utf8_lossy(&answer[1..]));
     }
 }
