@@ -15,6 +15,8 @@ use bounds::chip::Chip;
 use bounds::report::{Report, Scope};
 use bounds::times::{HandlerTime, Times};
 
+use crate::parallel;
+
 /// Cycles of a bit at 1 Mbit/s.
 const BIT: u32 = 16;
 /// Bits of an extended frame without data and stuff bits, with the three bits before the next.
@@ -91,15 +93,19 @@ fn read_at_most(annotations: &mut Annotations, frames: u32) {
 impl Reception {
     /// Of a program, with one output in use.
     pub fn of(elf: &[u8]) -> Self {
-        let with = |scope: Scope, frames: u32, bytes: u32| {
-            report(elf, scope, |annotations| {
-                read_at_most(annotations, frames);
-                annotations.loops.insert(0, reads(bytes));
+        let of_each = [
+            (Scope::Handlers, 0, SHORT),
+            (Scope::Handlers, 1, 8),
+            (Scope::Handlers, 2, 8),
+            (Scope::Everything, 0, 8),
+        ];
+        let reports = parallel::each(&of_each, |(scope, frames, bytes)| {
+            report(elf, *scope, |annotations| {
+                read_at_most(annotations, *frames);
+                annotations.loops.insert(0, reads(*bytes));
             })
-        };
-        let none = with(Scope::Everything, 0, 8);
-        let one = with(Scope::Handlers, 1, 8);
-        let two = with(Scope::Handlers, 2, 8);
+        });
+        let [short, one, two, none] = &reports[..] else { unreachable!("a report of each") };
         let release = |report: &Report| {
             // CS rises after READ RX BUFFER, and at last after the check behind it.
             let bits = handler(report, "INT0").bits.iter();
@@ -107,20 +113,20 @@ impl Reception {
             rises.map(|bit| bit.cycles.0).min().expect("CS rises in the handler")
         };
         let further = |report: &Report| handler(report, "INT0").cycles.0;
-        let looks = handler(&none, "INT0").looks.iter().map(|look| look.cycles.0);
-        let masked = times(&none)
+        let looks = handler(none, "INT0").looks.iter().map(|look| look.cycles.0);
+        let masked = times(none)
             .stretches
             .iter()
             .filter(|stretch| stretch.blocks == "INT0" && !stretch.begins.contains("__vector"));
         Self {
             rest: looks.max().expect("the handler looks at INT"),
             masked: masked.map(|stretch| stretch.cycles.0).max().unwrap_or(0),
-            release: release(&none),
-            short_release: release(&with(Scope::Handlers, 0, SHORT)),
-            frame: further(&two) - further(&one),
-            others: vec![(handler(&none, "TIMER0_COMPA").cycles.0, TICK)],
+            release: release(none),
+            short_release: release(short),
+            frame: further(two) - further(one),
+            others: vec![(handler(none, "TIMER0_COMPA").cycles.0, TICK)],
             has_one_buffer: true,
-            edges: find(&none, "TIMER0_COMPB").map(|handler| (handler.cycles.0, EDGE)),
+            edges: find(none, "TIMER0_COMPB").map(|handler| (handler.cycles.0, EDGE)),
         }
     }
 
