@@ -167,7 +167,9 @@ bounds: firmware
 
 # --- Tests
 
-# The clients mostly wait for real time, so what only computes runs beside them and gives way.
+# The clients mostly wait for real time, so what only computes runs beside them and gives way. By 5: it
+# gets a third of what another program gets. By 10, a tenth, it would not end beside endless loops.
+GIVE_WAY := nice -n 5
 PARTS := test-clients test-firmware test-host test-library sources
 ## what CI runs, except the page; eight to ten minutes on two cores
 test: setup-test
@@ -193,11 +195,11 @@ test-programs: setup-simavr
 	cargo test --no-run $(TESTED) --test boards --test judge
 ## tests of the crates and programs, bounds of the firmwares, and the pages with their sizes
 test-host: test-programs firmwares
-	nice cargo test $(TESTED)
-	nice cargo test $(TESTED) -p web --test engines
-	export AVR_BOUNDS='$(abspath $(TARGET_DIR))/debug/avr-bounds'; nice scripts/bounds && \
-		nice scripts/bounds --boot && nice scripts/bounds $(UNO) full
-	nice cargo test $(TESTED) --test judge -- --nocapture
+	$(GIVE_WAY) cargo test $(TESTED)
+	$(GIVE_WAY) cargo test $(TESTED) -p web --test engines
+	export AVR_BOUNDS='$(abspath $(TARGET_DIR))/debug/avr-bounds'; $(GIVE_WAY) scripts/bounds && \
+		$(GIVE_WAY) scripts/bounds --boot && $(GIVE_WAY) scripts/bounds $(UNO) full
+	$(GIVE_WAY) cargo test $(TESTED) --test judge -- --nocapture
 	scripts/docs --measured || true
 	scripts/budget-page --check
 
@@ -211,9 +213,9 @@ ON_CORE := NODE_PROCESSOR='$(or $(PROCESSOR),own)'
 test-library: setup-build
 	@set -e; for features in $(PRESETS); do \
 		options="-p servo-node --lib $$(scripts/firmware --cargo $$features)"; echo "cargo test $$options"; \
-		$(ON_BOARD) nice cargo test $$options; done
+		$(ON_BOARD) $(GIVE_WAY) cargo test $$options; done
 # They run the programs in target/firmware.
-BOARD_TESTS = nice cargo test $(TESTED) --test boards --
+BOARD_TESTS = $(GIVE_WAY) cargo test $(TESTED) --test boards --
 FILES := $(patsubst tests/boards/%.rs,%,$(filter-out %/main.rs,$(wildcard tests/boards/*.rs)))
 TEST_FILES := $(FILES)
 IS_PART = $(filter-out $(TEST_FILES),$(FILES))
@@ -233,7 +235,7 @@ own-node-uno: test-programs $(VENV)/installed
 	$(VENV)/bin/python -m pytest -q tests/clients/test_own_node_uno.py
 ## other programs on the simulated bus: pydronecan, the GUI Tool, MAVProxy, avrdude ...
 test-clients: setup-test test-programs firmwares $(VENV)/gui $(TOOLS)/bin/ravedude
-	@AVR_HAL='$(AVR_HAL)' nice scripts/own-node-uno --if-reachable
+	@AVR_HAL='$(AVR_HAL)' $(GIVE_WAY) scripts/own-node-uno --if-reachable
 	$(VENV)/bin/python -m pytest -q -n 6 --dist worksteal -m '$(or $(CLIENTS),not long)' tests/clients
 IS_LONG = $(findstring --long,$(WEB_TESTS))
 ## the web page in Chromium, and its processor against simavr: twenty minutes the first time
