@@ -647,6 +647,14 @@ const tests = {
     await page.goBack();
     assert.equal(await page.locator("#view-simulated").isVisible(), true);
     assert.equal(await text(page, "#armed"), "Disarmed");
+    // A program that was chosen since then goes on, too, until the link is opened again.
+    await page.selectOption("#program", DIECIMILA);
+    await page.click("#tab-board");
+    await page.goBack();
+    assert.equal(await page.locator("#program").inputValue(), DIECIMILA);
+    await page.click("#tab-board");
+    await page.goto(`${address}#program=Diecimila%3A+remote`);
+    await until("its program", async () => (await page.locator("#program").inputValue()) === "Diecimila: remote");
     return page;
   },
 

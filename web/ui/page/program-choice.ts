@@ -10,6 +10,9 @@ import type { World } from "./world";
 /** The first letter of a script: a time in brackets, or a comment. A program begins otherwise. */
 const SCRIPT = /^\s*[(#]/;
 
+/** The state of an entry of the history whose link was opened: one that is pasted has none. */
+const OPENED = "opened";
+
 /** What the view does with the choice. */
 export interface Runner extends World {
   /** Starts a program. */
@@ -101,8 +104,11 @@ export class ProgramChoice {
   openLink() {
     const link = fromHash(location.hash);
     const program = PROGRAMS.find(({ name }) => name === link?.program);
-    if (link && toHash(link) === this.loaded) {
-      // The user is back from another view.
+    // An entry of the history that was opened before: the user is back from another view.
+    const isBack = history.state === OPENED;
+    history.replaceState(OPENED, "");
+    if (link && isBack && toHash(link) === this.loaded) {
+      // What runs goes on.
     } else if (link && program) {
       this.loadLink(link, program.bytes);
     } else if (link) {
