@@ -167,8 +167,8 @@ bounds: firmware
 
 # --- Tests
 
-# The clients mostly wait for real time, so what only computes runs beside them and gives way. By 5: it
-# gets a third of what another program gets. By 10, a tenth, it would not end beside endless loops.
+# The clients mostly wait for real time, so what only computes runs beside them and gives way: by 5
+# it gets a third of what another program gets. By 10 it would get a tenth.
 GIVE_WAY := nice -n 5
 PARTS := test-clients test-firmware test-host test-library sources
 ## what CI runs, except the page; eight to ten minutes on two cores
