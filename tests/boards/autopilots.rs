@@ -9,8 +9,8 @@ use bench::can::Frame;
 use bench::dronecan::Message;
 use flate2::read::GzDecoder;
 use rig::manage::ms_between;
-use rig::status::{ERROR, FAILSAFE, OK};
-use rig::{MS, Program, Rig, status_fields};
+use rig::status::{DISARMED, ERROR, FAILSAFE, OK};
+use rig::{MS, Program, Rig, has_all_features, status_fields};
 
 const ARDUPILOT: u32 = 10;
 const PX4: u32 = 1;
@@ -334,5 +334,6 @@ fn what_the_real_px4_sent_while_an_update_was_refused_disturbs_no_command() {
     assert_eq!(all.iter().filter(is_refusal).count(), 69, "INVALID_MODE");
     assert_eq!(rig.broken, []);
     assert_eq!(rig.pulses.last().map(|pulse| pulse.width_us().round()), Some(1500.0));
-    assert_eq!(rig.next_status(), (OK, 0));
+    let disarmed = if has_all_features() { DISARMED } else { 0 };
+    assert_eq!(rig.next_status(), (OK, disarmed));
 }

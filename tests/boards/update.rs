@@ -30,6 +30,8 @@ fn the_bootloader_writes_a_file_from_a_server_and_starts_it() {
     bench.wait_for_program(10_000);
     let file = file();
     assert!(bench.flash(file.len()) == file, "the program in flash is the file");
+    // The node is on the bus before its first line is out.
+    bench.run_ms(100);
     let text = bench.bench.board(0).avr_mut().serial_take();
     let text: String = text.into_iter().map(|(_, byte)| char::from(byte)).collect();
     // The preset for updates of an ATmega168 has no serial monitor.

@@ -18,7 +18,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use crate::documented::parameters;
-use crate::status::{BROWN_OUT, RESET, TRANSFER_ERRORS, WATCHDOG};
+use crate::status::{BROWN_OUT, DISARMED, RESET, TRANSFER_ERRORS, WATCHDOG};
 use crate::{
     ARRAY_COMMAND, MS, NODE_STATUS, Rig, SERVO_PERIOD, US, array_command, has_all_features,
     started, status_fields,
@@ -349,8 +349,9 @@ impl Soak {
             let exact = (at - self.booted) as f64 / (1000 * MS) as f64;
             assert!((f64::from(uptime) - exact).abs() < 1.6, "uptime {uptime} after {exact:.3} s");
             if at > self.fault_ended + CONDITIONS_CLEAR_AFTER {
-                // Another node's incomplete transfer is reported but is not a fault.
-                let code = code & !TRANSFER_ERRORS;
+                // Another node's incomplete transfer and a disarmed vehicle are reported but are no
+                // faults.
+                let code = code & !(TRANSFER_ERRORS | DISARMED);
                 if self.restarted_by != 0 && at < self.booted + RESET_REPORTED {
                     // The other conditions of the fault remain with it.
                     assert_eq!(

@@ -349,10 +349,11 @@ impl Soak {
             let expected = if is_refused { old } else { value };
             assert_eq!(answer, Value::Integer(expected), "{name} = {value}");
             if !is_refused {
-                // The last pulse has begun.
-                self.slot();
+                // The last pulse begins within a period, and ends in the next one.
                 self.slot();
                 self.check_pulses();
+                self.slot();
+                self.take_pulses();
                 self.others.commanded[HALF_COMMANDERS] = Commanded::default();
                 self.last_pulses[HALF_COMMANDERS] = None;
             }
