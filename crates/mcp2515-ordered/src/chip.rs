@@ -132,7 +132,7 @@ pub trait Instructions: Sized {
     /// Clears ERRIF and the three TXnIF, and leaves the other flags of CANINTF alone.
     fn clear_interrupts(&mut self);
 
-    /// Returns the flags of CANINTF, and clears these, but none that was set meanwhile.
+    /// Returns the flags of CANINTF, and clears those that [`taken`] names.
     fn take_interrupts(&mut self) -> u8;
 
     /// Returns access to configuration mode, if the chip is in it at `step`.
@@ -205,10 +205,10 @@ impl<SPI: SpiBus, CS: OutputPin> Exclusive<SPI, CS> {
         self.clear(ERRIF | TXIF);
     }
 
-    /// Returns the flags of CANINTF, and clears these, but none that was set meanwhile.
+    /// Returns the flags of CANINTF, and clears those that [`taken`] names.
     fn take_interrupts(&mut self) -> u8 {
         let flags = self.read(CANINTF);
-        self.clear(flags);
+        self.clear(taken(flags));
         flags
     }
 
@@ -396,6 +396,13 @@ pub fn tx_buffer(rank: Rank) -> u8 {
 /// READ RX BUFFER: 0x90 for RXB0 and 0x94 for RXB1.
 pub fn read_rx_buffer(buffer: Buffer) -> u8 {
     instruction::READ_RX_BUFFER | (buffer as u8 & Buffer::Rxb1 as u8) << 1
+}
+
+/// The flags of CANINTF that are cleared if these were read: the same, and none that was set
+/// meanwhile. But MERRF takes both RXnIF with it: a broken frame that came meanwhile has set MERRF
+/// again, and without it would look like a valid one.
+pub fn taken(flags: u8) -> u8 {
+    if flags & MERRF == 0 { flags } else { flags | RX1IF | RX0IF }
 }
 
 /// LOAD TX BUFFER for the data: 0x41, 0x43 and 0x45 for TXB0, TXB1 and TXB2.

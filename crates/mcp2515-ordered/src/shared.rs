@@ -2,7 +2,7 @@
 
 use embedded_hal::spi::SpiDevice;
 
-use crate::chip::{Instructions, load_tx_data, read_rx_buffer, tx_buffer};
+use crate::chip::{Instructions, load_tx_data, read_rx_buffer, taken, tx_buffer};
 use crate::filters::{sidh, sidl};
 use crate::frame::Frame;
 use crate::registers::*;
@@ -134,7 +134,7 @@ impl<D: SpiDevice> Instructions for Shared<D> {
 
     fn take_interrupts(&mut self) -> u8 {
         let flags = self.read(CANINTF);
-        self.exchange([instruction::BIT_MODIFY, CANINTF, flags, 0]);
+        self.exchange([instruction::BIT_MODIFY, CANINTF, taken(flags), 0]);
         flags
     }
 }

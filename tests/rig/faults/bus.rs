@@ -270,6 +270,9 @@ pub const OWN_RATE_WRONG: Case = Case {
             rig.cut_power();
         });
         trial.live(LASTS_MS);
+        trial.rig.error_frames = 0;
+        trial.live(LASTS_MS);
+        assert_eq!(trial.rig.error_frames, 0, "it listens");
         assert_eq!(trial.rig.pulses, []);
         trial.end(|rig| {
             rig.board().avr_mut().set_eeprom(&right);
