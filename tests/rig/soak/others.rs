@@ -349,11 +349,13 @@ impl Soak {
             let expected = if is_refused { old } else { value };
             assert_eq!(answer, Value::Integer(expected), "{name} = {value}");
             if !is_refused {
-                // The last pulse begins within a period, and ends in the next one.
+                // The last pulse begins in the first slot at the latest, and no other must come.
                 self.slot();
                 self.check_pulses();
                 self.slot();
-                self.take_pulses();
+                let now = self.now();
+                self.last_pulses[HALF_COMMANDERS].iter_mut().for_each(|last| *last = now);
+                self.check_pulses();
                 self.others.commanded[HALF_COMMANDERS] = Commanded::default();
                 self.last_pulses[HALF_COMMANDERS] = None;
             }
