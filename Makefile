@@ -376,9 +376,9 @@ fuzz-coverage: $(TOOLS)/bin/cargo-fuzz
 		mkdir -p $$found; NODE_BOARD=uno NODE_SHIELD=seeed $(abspath $<) run --fuzz-dir tests/fuzz \
 			--target-dir $(FUZZ) -s none $$target $$found tests/fuzz/corpus/$$target -- \
 			-max_total_time=$(or $(TIME),60) -max_len=2048 -timeout=20 -print_final_stats=1; done
-## a node with random faults for an hour  (HOURS=4, SEED=7 for other faults; Ctrl-C ends it with a summary)
+## a node with random faults for an hour; Ctrl-C ends it with a summary  (HOURS=4, SEED=7, BOARD=uno)
 soak: setup-simavr firmware boot
-	$(ON_CORE) SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
+	$(ON_BOARD) $(ON_CORE) SOAK_HOURS=$(HOURS) SOAK_SEED=$(SEED) cargo bench --bench soak
 # All features, or what is not compiled would survive. .cargo/mutants.toml leaves out slow tests.
 MUTANTS = $(TOOLS)/bin/cargo-mutants mutants --jobs 2 --timeout 60 --build-timeout 100 $(ARGS)
 ## put mistakes into the sources that the unit tests must notice, or the tests on boards: hours
