@@ -351,7 +351,8 @@ impl Soak {
             if at > self.fault_ended + CONDITIONS_CLEAR_AFTER {
                 // Another node's incomplete transfer and a disarmed vehicle are reported but are no
                 // faults.
-                let code = code & !(TRANSFER_ERRORS | DISARMED);
+                let disarmed = if self.others.is_armed { 0 } else { DISARMED };
+                let code = code & !(TRANSFER_ERRORS | disarmed);
                 if self.restarted_by != 0 && at < self.booted + RESET_REPORTED {
                     // The other conditions of the fault remain with it.
                     assert_eq!(

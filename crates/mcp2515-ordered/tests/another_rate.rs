@@ -327,7 +327,7 @@ fn a_node_of_another_rate_that_starts_or_is_plugged_in_disturbs_few_frames() {
 }
 
 /// Nobody acknowledges the frame of the only other one, which repeats it all the time. With the
-/// third turn each 85 ms a broken frame comes between a look at the flags and their end.
+/// third turn a broken frame comes after the driver has read the flags and before it clears them.
 #[test]
 fn a_node_of_another_rate_beside_a_single_one_stays_off_the_bus() {
     for (pair, turn) in
@@ -336,6 +336,7 @@ fn a_node_of_another_rate_beside_a_single_one_stays_off_the_bus() {
         let mut world = World::new(pair.0);
         world.turn = turn;
         world.add_talker(50);
+        // At another rate this one is stored, too, as its first error comes after a length.
         world.talkers[0].id = 0x1003_F20A;
         world.add_node(pair.1, true);
         world.run_ms(3000);

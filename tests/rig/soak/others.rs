@@ -349,7 +349,8 @@ impl Soak {
             let expected = if is_refused { old } else { value };
             assert_eq!(answer, Value::Integer(expected), "{name} = {value}");
             if !is_refused {
-                // The last pulse begins in the first slot at the latest, and no other must come.
+                // The last pulse begins in the first slot at the latest. In the second one none is
+                // missed, so the time since the last one begins anew.
                 self.slot();
                 self.check_pulses();
                 self.slot();
