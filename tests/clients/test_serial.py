@@ -6,7 +6,9 @@ import pathlib
 import re
 import shlex
 import signal
+import struct
 import subprocess
+import termios
 import time
 import tomllib
 
@@ -22,6 +24,8 @@ pytestmark = pytest.mark.at_corners
 BOOTLOADERS = pathlib.Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 BOOTLOADER = BOOTLOADERS / "atmega/ATmegaBOOT_168_diecimila.hex"
 MONITOR_BAUD = 115200
+# Linux's ioctl that reads if a terminal is locked. Python has no name for it.
+TIOCGEXCL = 0x80045440
 # What a user types; .cargo/config.toml has the runner. RAVEDUDE_PORT is the board's port.
 CARGO_RUN = (
     "cargo run --config avr-specs/firmware.toml --profile firmware -p servo-node"
@@ -50,6 +54,25 @@ def test_opening_the_port_resets_the_board(bench):
     used.still_runs()
     used.raw(used.serial)
     used.wait_for_text(r" reset ")
+
+
+def test_a_program_that_locks_a_port_locks_it_only_while_it_runs(bench):
+    """As serialport of Rust does, which ravedude uses, and which Ctrl-C gives no time to unlock."""
+    used = bench(serial=True)
+
+    def is_locked(path):
+        port = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        try:
+            return struct.unpack("i", fcntl.ioctl(port, TIOCGEXCL, bytes(4))) != (0,)
+        finally:
+            os.close(port)
+
+    for path in used.links:
+        port = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        fcntl.ioctl(port, termios.TIOCEXCL)
+        assert is_locked(path), f"{path} is not locked by a program that has locked it"
+        os.close(port)
+        wait_until(lambda path=path: not is_locked(path), f"unlocked {path}")
 
 
 def test_avrdude_uploads_through_the_original_bootloader(empty_board):

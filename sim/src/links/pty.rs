@@ -8,7 +8,8 @@
 //!
 //! A pseudo-terminal has no modem lines, and only remembers the baud rate that a program sets. The
 //! kernel buffers about 70 KiB in each direction. inotify counts how often programs open and close
-//! the port, because the master end shows only the present state.
+//! the port. The port holds its slave end open: the kernel empties the input of programs at this
+//! end only, and written bytes wait there for the next program.
 
 use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -16,7 +17,9 @@ use rustix::fs::inotify::{self, CreateFlags, ReadFlags, Reader, WatchFlags};
 use rustix::fs::{Mode, OFlags, fcntl_setfl, open};
 use rustix::io::{Errno, read, retry_on_intr, write};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
+use rustix::termios::{
+    OptionalActions, QueueSelector, Termios, ioctl_tiocnxcl, tcflush, tcgetattr, tcsetattr,
+};
 use std::fs;
 use std::io::ErrorKind;
 use std::mem::MaybeUninit;
@@ -38,17 +41,6 @@ const READ_BYTES: usize = 4096;
 /// Size of the buffer for inotify events, in bytes.
 const EVENT_BYTES: usize = 4096;
 
-/// State of the slave end while no program has the port open.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Hold {
-    /// Held open: written bytes wait for the next program. The port cannot detect whether a program
-    /// has it open.
-    Open,
-    /// Closed: [`Pty::take_openings`] shows whether a program has the port open, and how often
-    /// programs opened it.
-    Released,
-}
-
 /// How programs opened a port.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Openings {
@@ -63,10 +55,8 @@ pub struct Openings {
 #[derive(Debug)]
 pub struct Pty {
     master: OwnedFd,
-    /// The slave end, for [`Hold::Open`].
-    held: Option<OwnedFd>,
-    /// Counts the openings, for [`Hold::Released`].
-    watch: Option<Watch>,
+    slave: OwnedFd,
+    watch: Watch,
     link: Link,
 }
 
@@ -75,7 +65,7 @@ impl Pty {
     ///
     /// # Errors
     /// If `path` is in use or cannot be created; the message says what to do.
-    pub fn open(path: &Path, hold: Hold) -> Result<Pty> {
+    pub fn open(path: &Path) -> Result<Pty> {
         let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)
             .context("the system cannot create a pseudo-terminal")?;
         grantpt(&master)?;
@@ -83,22 +73,18 @@ impl Pty {
         fcntl_setfl(&master, OFlags::NONBLOCK)?;
         let device =
             ptsname(&master, Vec::new())?.into_string().context("the pseudo-terminal's name")?;
-        let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-        let slave =
-            open(&device, flags, Mode::empty()).with_context(|| format!("cannot open {device}"))?;
+        let slave = open_slave(&device)?;
         // Sets raw mode before any program can open the port, so that no program gets an echo or a
-        // translated line end. Opening and closing the slave end once also makes the master
-        // report the port as closed.
+        // translated line end.
         let mut settings = tcgetattr(&slave)?;
         settings.make_raw();
         settings.set_speed(FIRST_BAUD)?;
         tcsetattr(&slave, OptionalActions::Now, &settings)?;
-        let held = (hold == Hold::Open).then_some(slave);
         // Watches from here on: after the opening above, and before the link lets other programs
         // open the port.
-        let watch = if held.is_none() { Some(Watch::new(&device)?) } else { None };
+        let watch = Watch::new(&device)?;
         let link = Link::publish(path, Path::new(&device))?;
-        Ok(Pty { master, held, watch, link })
+        Ok(Pty { master, slave, watch, link })
     }
 
     /// The path of the link, which programs open.
@@ -109,8 +95,7 @@ impl Pty {
     /// Reads bytes of the client, up to 4096. Empty if there are none.
     pub fn read(&self) -> Vec<u8> {
         let mut bytes = vec![0; READ_BYTES];
-        // EIO means that no program has the port open. With any other error there is nothing to
-        // read either.
+        // With an error there is nothing to read, either.
         let count = read(&self.master, &mut bytes).unwrap_or(0);
         bytes.truncate(count);
         bytes
@@ -127,21 +112,33 @@ impl Pty {
         }
     }
 
-    /// The openings since the last call. With [`Hold::Open`] always none, and the port counts as
-    /// open.
+    /// The openings since the last call.
     pub fn take_openings(&mut self) -> Openings {
-        let Some(watch) = &mut self.watch else {
-            return Openings { count: 0, is_open: true };
-        };
-        let (count, complete) = watch.take();
-        if complete {
-            return Openings { count, is_open: watch.openers > 0 };
+        let was_open = self.watch.openers > 0;
+        let (mut count, complete) = self.watch.take();
+        if !complete && self.watch_anew().is_ok() {
+            // The kernel's queue overflowed: there was at least one opening.
+            count = count.max(1);
         }
-        // The kernel's queue overflowed: there was at least one opening, and the master shows the
-        // present state.
+        let is_open = self.watch.openers > 0;
+        if !is_open && (was_open || count > 0) {
+            // A program can lock a port for itself (TIOCEXCL), until the last program closes it.
+            // Here that would be never.
+            let _ = ioctl_tiocnxcl(&self.slave);
+        }
+        Openings { count, is_open }
+    }
+
+    /// Finds out whether a program has the port open, and counts from there on.
+    fn watch_anew(&mut self) -> Result<()> {
+        let device = self.link.device.to_str().context("the pseudo-terminal's name")?.to_owned();
+        // While the port itself has not opened its slave end, the master shows if a program has.
+        self.slave = self.master.try_clone()?;
         let is_open = !is_hung_up(&self.master);
-        watch.openers = usize::from(is_open);
-        Openings { count: count.max(1), is_open }
+        self.slave = open_slave(&device)?;
+        self.watch = Watch::new(&device)?;
+        self.watch.openers = usize::from(is_open);
+        Ok(())
     }
 
     /// The baud rate that a program has set last.
@@ -156,17 +153,9 @@ impl Pty {
     /// Discards written bytes that no program has read.
     pub fn discard_unread(&self) {
         // The kernel has two buffers for them: the output of the master, and the input of the
-        // slave.
+        // slave. Flushing leaves the settings alone, which a program may change just now.
         let _ = tcflush(&self.master, QueueSelector::OFlush);
-        match &self.held {
-            Some(slave) => drop(tcflush(slave, QueueSelector::IFlush)),
-            // On Linux the master's settings are those of the slave, and setting them can flush its
-            // input.
-            None => drop(
-                tcgetattr(&self.master)
-                    .map(|s| tcsetattr(&self.master, OptionalActions::Flush, &s)),
-            ),
-        }
+        let _ = tcflush(&self.slave, QueueSelector::IFlush);
     }
 
     /// Prepares the port for the next program: empties both directions, and sets raw mode again.
@@ -177,11 +166,22 @@ impl Pty {
             self.read();
         }
         self.discard_unread();
-        if let Ok(mut settings) = tcgetattr(&self.master) {
-            settings.make_raw();
-            let _ = tcsetattr(&self.master, OptionalActions::Now, &settings);
+        let Ok(found) = tcgetattr(&self.slave) else { return };
+        let mut raw = found.clone();
+        raw.make_raw();
+        let modes = |s: &Termios| (s.input_modes, s.output_modes, s.control_modes, s.local_modes);
+        // Most programs leave raw mode. Setting it again could undo the baud rate of the next
+        // program, which may have opened the port already.
+        if modes(&raw) != modes(&found) {
+            let _ = tcsetattr(&self.slave, OptionalActions::Now, &raw);
         }
     }
+}
+
+/// Opens the slave end of a pseudo-terminal.
+fn open_slave(device: &str) -> Result<OwnedFd> {
+    let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
+    open(device, flags, Mode::empty()).with_context(|| format!("cannot open {device}"))
 }
 
 /// True if the other end of a terminal is closed.
@@ -357,9 +357,9 @@ mod tests {
         File::options().read(true).write(true).open(path).unwrap()
     }
 
-    fn port(hold: Hold) -> (Scratch, Pty) {
+    fn port() -> (Scratch, Pty) {
         let scratch = Scratch::new();
-        let pty = Pty::open(&scratch.path("port"), hold).unwrap();
+        let pty = Pty::open(&scratch.path("port")).unwrap();
         (scratch, pty)
     }
 
@@ -373,21 +373,21 @@ mod tests {
         let scratch = Scratch::new();
         let path = scratch.path("port");
         symlink("/dev/pts/99999", &path).unwrap();
-        drop(Pty::open(&path, Hold::Open).unwrap());
+        drop(Pty::open(&path).unwrap());
         assert!(fs::symlink_metadata(&path).is_err(), "the link is there after the port's end");
         fs::write(&path, "a thesis").unwrap();
-        let error = Pty::open(&path, Hold::Open).unwrap_err().to_string();
+        let error = Pty::open(&path).unwrap_err().to_string();
         assert!(error.contains("choose another path"), "{error}");
         assert_eq!(fs::read(&path).unwrap(), b"a thesis");
         let elsewhere = scratch.path("by-id");
         symlink("/dev/ttyUSB0", &elsewhere).unwrap();
-        assert!(Pty::open(&elsewhere, Hold::Open).is_err());
-        assert!(Pty::open(&scratch.path("no/such/directory"), Hold::Open).is_err());
+        assert!(Pty::open(&elsewhere).is_err());
+        assert!(Pty::open(&scratch.path("no/such/directory")).is_err());
     }
 
     #[test]
-    fn a_released_port_counts_its_openings_and_is_open_until_the_last_program_closes_it() {
-        let (_scratch, mut pty) = port(Hold::Released);
+    fn a_port_counts_its_openings_and_is_open_until_the_last_program_closes_it() {
+        let (_scratch, mut pty) = port();
         assert_eq!(openings(&mut pty), (0, false), "its own opening");
         let first = client(pty.path());
         assert_eq!(openings(&mut pty), (1, true));
@@ -406,7 +406,7 @@ mod tests {
 
     #[test]
     fn the_state_is_right_after_more_openings_than_the_kernel_can_queue() {
-        let (_scratch, mut pty) = port(Hold::Released);
+        let (_scratch, mut pty) = port();
         let limit = fs::read_to_string("/proc/sys/fs/inotify/max_queued_events").unwrap();
         let limit: usize = limit.trim().parse().unwrap();
         // Each event comes twice. These clients open the port before the queue is full, and close
@@ -424,7 +424,7 @@ mod tests {
 
     #[test]
     fn a_renewed_port_is_empty() {
-        let (_scratch, pty) = port(Hold::Released);
+        let (_scratch, pty) = port();
         client(pty.path()).write_all(b"unread").unwrap();
         assert_eq!(pty.write(b"unread"), 6);
         pty.renew();
@@ -437,8 +437,28 @@ mod tests {
     }
 
     #[test]
+    fn a_program_that_opens_the_port_while_it_is_emptied_keeps_its_settings() {
+        let (_scratch, pty) = port();
+        let client = client(pty.path());
+        thread::scope(|scope| {
+            let program = scope.spawn(|| {
+                for baud in [9600, 115_200].into_iter().cycle().take(20_000) {
+                    let mut settings = tcgetattr(&client).unwrap();
+                    settings.set_speed(baud).unwrap();
+                    tcsetattr(&client, OptionalActions::Now, &settings).unwrap();
+                    let kept = tcgetattr(&client).unwrap().output_speed();
+                    assert_eq!(kept, baud, "baud that the program set just before");
+                }
+            });
+            while !program.is_finished() {
+                pty.renew();
+            }
+        });
+    }
+
+    #[test]
     fn a_client_that_never_reads_does_not_block() {
-        let (_scratch, pty) = port(Hold::Open);
+        let (_scratch, pty) = port();
         let taken: usize = (0..100).map(|_| pty.write(&[b'x'; 1024])).sum();
         assert!((1024..100 * 1024).contains(&taken), "{taken}");
         let mut client = client(pty.path());
@@ -453,10 +473,10 @@ mod tests {
     fn a_panic_removes_the_links_of_its_thread_only() {
         let scratch = Scratch::new();
         let (mine, doomed) = (scratch.path("mine"), scratch.path("doomed"));
-        let _port = Pty::open(&mine, Hold::Open).unwrap();
+        let _port = Pty::open(&mine).unwrap();
         let other = doomed.clone();
         let ended = thread::spawn(move || {
-            let port = Pty::open(&other, Hold::Open).unwrap();
+            let port = Pty::open(&other).unwrap();
             // Not dropped, as in a program that aborts at a panic.
             std::mem::forget(port);
             panic!("on purpose");

@@ -15,7 +15,7 @@
 //! know who wrote them.
 
 use super::Link;
-use super::pty::{FIRST_BAUD, Hold, Pty};
+use super::pty::{FIRST_BAUD, Pty};
 use anyhow::{Context, Result};
 use bench::Bench;
 use bench::avr::{ResetCause, byte_read_at, rates_match};
@@ -81,7 +81,7 @@ impl SerialPort {
         ignores_baud: bool,
     ) -> Result<SerialPort> {
         Ok(SerialPort {
-            pty: Pty::open(path, Hold::Released).context("--serial")?,
+            pty: Pty::open(path).context("--serial")?,
             board,
             attached: false,
             openings: 0,

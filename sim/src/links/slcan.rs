@@ -1,7 +1,7 @@
 //! The SLCAN adapter of the bench on a pseudo-terminal.
 
 pub use super::Link;
-use super::pty::{Hold, Pty};
+use super::pty::Pty;
 use anyhow::{Context, Result};
 use bench::Bench;
 use bench::slcan::Port;
@@ -16,6 +16,9 @@ impl Port for Pty {
     }
 
     fn read(&mut self) -> Vec<u8> {
+        // An adapter serves whoever has its port open. This frees the port of a program that had
+        // locked it.
+        let _ = self.take_openings();
         Pty::read(self)
     }
 
@@ -33,7 +36,7 @@ impl Port for Pty {
 /// # Errors
 /// If `path` is in use or cannot be created; the message says what to do.
 pub fn open(path: &Path, bench: &mut Bench) -> Result<Slcan> {
-    let pty = Pty::open(path, Hold::Open).context("--slcan")?;
+    let pty = Pty::open(path).context("--slcan")?;
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     Ok(Slcan::attach(pty, &name, bench))
 }
