@@ -164,13 +164,16 @@ FIRMWARE += " Cargo.toml .cargo/config.toml rust-toolchain.toml"
 
 def firmware_changed_since(commit):
     """Files of the firmware that have changed since a commit; None if it is not in this clone."""
-    line = ["git", "diff", "--name-only", commit.split("-")[0], "--", *FIRMWARE.split()]
+    commit = commit.split("-")[0]
+    # Leaves out what is a comment of Rust before and after.
+    line = ["git", "diff", "--numstat", "-I", "^[[:space:]]*//", commit, "--", *FIRMWARE.split()]
     done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True)
     if done.returncode:
         return None
-    was, now = output("git", "show", f"{line[3]}:Cargo.toml"), (ROOT / "Cargo.toml").read_text()
+    names = [row.split("\t")[2] for row in done.stdout.splitlines()]
+    was, now = output("git", "show", f"{commit}:Cargo.toml"), (ROOT / "Cargo.toml").read_text()
     same = {"Cargo.toml"} if without_host(was) == without_host(now) else set()
-    return [name for name in done.stdout.split() if "tests" not in name and name not in same]
+    return [name for name in names if "tests" not in name and name not in same]
 
 
 def without_host(manifest):
