@@ -171,7 +171,7 @@ bounds: firmware
 # it gets a third of what another program gets. By 10 it would get a tenth.
 GIVE_WAY := nice -n 5
 PARTS := test-clients test-firmware test-host test-library sources
-## what CI runs, except the page; eight to ten minutes on two cores
+## what CI runs, except the page; seven to nine minutes on two cores
 test: setup-test
 	@CARGO_BUILD_WARNINGS=deny $(SIDE_BY_SIDE)3 $(PARTS)
 
