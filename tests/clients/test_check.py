@@ -188,16 +188,23 @@ def test_a_servo_that_follows_passes_after_the_question(bench):
     used.wait_for_text(r"servo +no pulse\Z|servo +no pulse\n(?!.*servo +pulse)")
 
 
-# A logic analyser at the pins of the simulated board: the last second of the recording of sim.
+# A logic analyser at the pins of the simulated board: the next second of the recording of sim.
 ANALYSER = """#!/usr/bin/env python3
-import re, sys
+import re, sys, time
 if "--scan" in sys.argv:
     sys.exit(print("fx2lafw - Saleae Logic with 8 channels: D0 D1 D2 D3 D4 D5 D6 D7"))
-head, changes = open("pins.vcd").read().split("$enddefinitions $end")
-steps = re.findall(r"#(\\d+)\\n([^#]*)", changes[: changes.rindex("\\n") + 1])
+def recorded():
+    head, changes = open("pins.vcd").read().split("$enddefinitions $end")
+    return head, re.findall(r"#(\\d+)\\n([^#]*)", changes[: changes.rindex("\\n") + 1])
+def end():
+    return int(recorded()[1][-1][0])
+begin = end()
+while end() < begin + 10_000_000_000:
+    time.sleep(0.1)
+head, steps = recorded()
 print(head.replace(" OUT2 ", " SERVO ") + "$enddefinitions $end")
 for at, levels in steps:
-    if int(at) > int(steps[-1][0]) - 10_000_000_000:
+    if int(at) > begin:
         print(f"#{at}\\n{levels}", end="")
 """
 
