@@ -8,8 +8,9 @@
 //!
 //! A pseudo-terminal has no modem lines, and only remembers the baud rate that a program sets. The
 //! kernel buffers about 70 KiB in each direction. inotify counts how often programs open and close
-//! the port. The port holds its slave end open: the kernel empties the input of programs at this
-//! end only, and written bytes wait there for the next program.
+//! the port. The port also opens its own slave end, because only there the kernel discards what
+//! programs have not read. So bytes that are written while no program has the port open wait for
+//! the next one.
 
 use anyhow::{Context, Result, bail};
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -73,7 +74,7 @@ impl Pty {
         fcntl_setfl(&master, OFlags::NONBLOCK)?;
         let device =
             ptsname(&master, Vec::new())?.into_string().context("the pseudo-terminal's name")?;
-        let slave = open_slave(&device)?;
+        let slave = open_slave(Path::new(&device))?;
         // Sets raw mode before any program can open the port, so that no program gets an echo or a
         // translated line end.
         let mut settings = tcgetattr(&slave)?;
@@ -116,27 +117,28 @@ impl Pty {
     pub fn take_openings(&mut self) -> Openings {
         let was_open = self.watch.openers > 0;
         let (mut count, complete) = self.watch.take();
-        if !complete && self.watch_anew().is_ok() {
+        if !complete {
             // The kernel's queue overflowed: there was at least one opening.
             count = count.max(1);
+            let _ = self.find_opener();
         }
         let is_open = self.watch.openers > 0;
         if !is_open && (was_open || count > 0) {
-            // A program can lock a port for itself (TIOCEXCL), until the last program closes it.
-            // Here that would be never.
+            // A program can lock a port for itself (TIOCEXCL). The kernel unlocks it when nobody
+            // has it open any more, which the port itself always has.
             let _ = ioctl_tiocnxcl(&self.slave);
         }
         Openings { count, is_open }
     }
 
-    /// Finds out whether a program has the port open, and counts from there on.
-    fn watch_anew(&mut self) -> Result<()> {
-        let device = self.link.device.to_str().context("the pseudo-terminal's name")?.to_owned();
-        // While the port itself has not opened its slave end, the master shows if a program has.
+    /// Finds out whether a program has the port open, after events were lost.
+    fn find_opener(&mut self) -> Result<()> {
+        // The master shows it while the port's own slave end is closed.
         self.slave = self.master.try_clone()?;
         let is_open = !is_hung_up(&self.master);
-        self.slave = open_slave(&device)?;
-        self.watch = Watch::new(&device)?;
+        self.slave = open_slave(&self.link.device)?;
+        // Drops the events of closing and opening it.
+        self.watch.take();
         self.watch.openers = usize::from(is_open);
         Ok(())
     }
@@ -153,7 +155,7 @@ impl Pty {
     /// Discards written bytes that no program has read.
     pub fn discard_unread(&self) {
         // The kernel has two buffers for them: the output of the master, and the input of the
-        // slave. Flushing leaves the settings alone, which a program may change just now.
+        // slave. tcflush leaves the settings alone, which a program may be changing.
         let _ = tcflush(&self.master, QueueSelector::OFlush);
         let _ = tcflush(&self.slave, QueueSelector::IFlush);
     }
@@ -179,9 +181,9 @@ impl Pty {
 }
 
 /// Opens the slave end of a pseudo-terminal.
-fn open_slave(device: &str) -> Result<OwnedFd> {
+fn open_slave(device: &Path) -> Result<OwnedFd> {
     let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC | OFlags::NONBLOCK;
-    open(device, flags, Mode::empty()).with_context(|| format!("cannot open {device}"))
+    open(device, flags, Mode::empty()).with_context(|| format!("cannot open {}", device.display()))
 }
 
 /// True if the other end of a terminal is closed.

@@ -16,8 +16,8 @@ impl Port for Pty {
     }
 
     fn read(&mut self) -> Vec<u8> {
-        // An adapter serves whoever has its port open. This frees the port of a program that had
-        // locked it.
+        // An adapter does not ask who has its port open. But this unlocks the port when a program
+        // that has locked it closes it.
         let _ = self.take_openings();
         Pty::read(self)
     }
