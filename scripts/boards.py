@@ -165,7 +165,7 @@ FIRMWARE += " Cargo.toml .cargo/config.toml rust-toolchain.toml"
 def firmware_changed_since(commit):
     """Files of the firmware that have changed since a commit; None if it is not in this clone."""
     commit = commit.split("-")[0]
-    # Leaves out what is a comment of Rust before and after.
+    # A file in which only comments of Rust have changed does not count.
     line = ["git", "diff", "--numstat", "-I", "^[[:space:]]*//", commit, "--", *FIRMWARE.split()]
     done = subprocess.run(line, cwd=ROOT, capture_output=True, text=True)
     if done.returncode:

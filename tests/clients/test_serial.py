@@ -6,7 +6,6 @@ import pathlib
 import re
 import shlex
 import signal
-import struct
 import subprocess
 import termios
 import time
@@ -24,7 +23,7 @@ pytestmark = pytest.mark.at_corners
 BOOTLOADERS = pathlib.Path("/usr/share/arduino/hardware/arduino/avr/bootloaders")
 BOOTLOADER = BOOTLOADERS / "atmega/ATmegaBOOT_168_diecimila.hex"
 MONITOR_BAUD = 115200
-# Linux's ioctl that reads if a terminal is locked. Python has no name for it.
+# The ioctl of Linux that tells if a terminal is locked. Python has no name for it.
 TIOCGEXCL = 0x80045440
 # What a user types; .cargo/config.toml has the runner. RAVEDUDE_PORT is the board's port.
 CARGO_RUN = (
@@ -57,13 +56,13 @@ def test_opening_the_port_resets_the_board(bench):
 
 
 def test_a_program_that_locks_a_port_locks_it_only_while_it_runs(bench):
-    """As serialport of Rust does, which ravedude uses, and which Ctrl-C gives no time to unlock."""
+    """ravedude locks its port, and does not unlock it when Ctrl-C ends it."""
     used = bench(serial=True)
 
     def is_locked(path):
         port = os.open(path, os.O_RDWR | os.O_NOCTTY)
         try:
-            return struct.unpack("i", fcntl.ioctl(port, TIOCGEXCL, bytes(4))) != (0,)
+            return any(fcntl.ioctl(port, TIOCGEXCL, bytes(4)))
         finally:
             os.close(port)
 

@@ -132,7 +132,7 @@ pub trait Instructions: Sized {
     /// Clears ERRIF and the three TXnIF, and leaves the other flags of CANINTF alone.
     fn clear_interrupts(&mut self);
 
-    /// Returns the flags of CANINTF, and clears them, and with MERRF both RXnIF.
+    /// Returns the flags of CANINTF and clears them; if MERRF is among them, both RXnIF, too.
     fn take_interrupts(&mut self) -> u8;
 
     /// Returns access to configuration mode, if the chip is in it at `step`.
