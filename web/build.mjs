@@ -7,8 +7,9 @@
 
 import { createHash } from "node:crypto";
 import { build } from "esbuild";
-import { copyFileSync, mkdirSync, readFileSync, readdirSync, statSync, writeFileSync } from "node:fs";
+import { copyFileSync, mkdirSync, readFileSync, readdirSync, rmSync, statSync, writeFileSync } from "node:fs";
 import { join, resolve } from "node:path";
+import { documentPage } from "./documents.mjs";
 
 /** The page, in bytes. */
 const LIMIT = 3_000_000;
@@ -56,8 +57,24 @@ function withAddress(html) {
     return html;
   }
   return html
-    .replace('<a href="README.md">README', `<a href="${address}">Repository`)
-    .replace('href="docs/README', `href="${address}/blob/HEAD/docs/README`);
+    .replace('<a href="README.html">README', `<a href="${address}">Repository`)
+    .replace('href="docs/README.html', `href="${address}/blob/HEAD/docs/README.md`);
+}
+
+/** Writes the documents as pages, with their drawings; photographs of a screen are too large. */
+function writeDocuments() {
+  rmSync(join(out, "docs"), { recursive: true, force: true });
+  mkdirSync(join(out, "docs/img"), { recursive: true });
+  const pages = readdirSync("../docs").filter((name) => name.endsWith(".md")).map((name) => `docs/${name}`);
+  const drawings = readdirSync("../docs/img").filter((name) => name.endsWith(".svg"));
+  drawings.forEach((name) => copyFileSync(join("../docs/img", name), join(out, "docs/img", name)));
+  const names = ["README.md", ...pages];
+  const pageOf = (name) => join(out, name.replace(/md$/, "html"));
+  // A link asks whether its page is there.
+  names.forEach((name) => writeFileSync(pageOf(name), ""));
+  for (const name of names) {
+    writeFileSync(pageOf(name), documentPage(name, readFileSync(join("..", name), "utf8"), out));
+  }
 }
 
 /** Writes the service worker, which has the names of the files, and a digest of them. */
@@ -83,11 +100,7 @@ await build({
   loader: { ".wasm": "binary", ".elf": "binary", ".hex": "binary" },
 });
 writeFileSync(join(out, "index.html"), withAddress(readFileSync("ui/page/index.html", "utf8")));
-mkdirSync(join(out, "docs"), { recursive: true });
-copyFileSync("../README.md", join(out, "README.md"));
-for (const name of readdirSync("../docs").filter((entry) => entry.endsWith(".md"))) {
-  copyFileSync(join("../docs", name), join(out, "docs", name));
-}
+writeDocuments();
 const own = [
   readFileSync("../README.md", "utf8").split("## Licences")[1],
   ...["../LICENSE-MIT", "../LICENSE-APACHE", "../sim/LICENSE"].map((file) => readFileSync(file, "utf8")),

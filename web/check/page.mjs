@@ -285,7 +285,10 @@ const tests = {
     await page.click("#step-bit");
     await until("the second", async () => /^Bit 2 of/.test(await text(page, "#bit")));
     await until("a microsecond later", async () => Math.round(((await clock()) - start) * 1e6) === 1);
+    await page.click("#reset");
+    await until("words on what waits", async () => /takes effect when you press Run/.test(await text(page, "#notice")));
     await page.click("#run");
+    await until("no words", () => page.locator("#notice").isHidden());
     await page.selectOption("#rate", "1");
     return page;
   },
@@ -541,13 +544,35 @@ const tests = {
     return page;
   },
 
-  async "the page links to readme, documents and licences, which are there"(t) {
+  async "the page links to its documents and licences, and each link in a document leads to its place"(t) {
     const page = await open(t);
-    const links = await page.locator("nav a").evaluateAll((all) => all.map((link) => link.href));
-    assert.equal(links.length, 3);
-    for (const link of links.filter((link) => link.startsWith(address))) {
-      assert.equal((await page.request.get(link)).status(), 200, link);
+    const footer = await page.locator("footer a").evaluateAll((all) => all.map((link) => link.href));
+    assert.equal(footer.length, 3);
+    const isOurs = (link) => link.startsWith(address) && link !== `${address}index.html`;
+    const links = new Set(footer.filter(isOurs));
+    const places = new Map();
+    // The set grows while it is read.
+    for (const link of links) {
+      const [file] = link.split("#");
+      if (places.has(file)) {
+        continue;
+      }
+      assert.equal((await page.request.get(file)).status(), 200, file);
+      places.set(file, []);
+      if (file.endsWith(".html")) {
+        await page.goto(file);
+        const ids = page.locator("[id]");
+        places.set(file, await ids.evaluateAll((all) => all.map(({ id }) => id)));
+        const found = await page.locator("a, img").evaluateAll((all) => all.map(({ href, src }) => href ?? src));
+        found.filter(isOurs).forEach((other) => links.add(other));
+      }
     }
+    for (const link of links) {
+      const [file, place] = link.split("#");
+      assert.ok(!place || places.get(file).includes(place), link);
+    }
+    assert.ok(places.size > 20, `${places.size} documents`);
+    await page.goto(address);
     return page;
   },
 

@@ -14,7 +14,7 @@ const SLOW = 0.97;
 const STEP_MS = 2000;
 
 export class Clock {
-  private isRunning = true;
+  isRunning = true;
   /** Real time up to which the simulation should be, less the simulated time. */
   private offset = 0;
   /** Simulated time for a unit of real time. */
@@ -37,6 +37,7 @@ export class Clock {
       byId("steps").hidden = this.isRunning;
       this.bitAt = null;
       this.synchronise();
+      this.world.notice("");
     });
     onClick("step-frame", () => this.stepFrame());
     onClick("step-bit", () => this.stepBit());

@@ -35,6 +35,8 @@ const LANES: Lane[] = [
   { name: "tool", colour: "tool" },
   { name: "others", colour: "other" },
 ];
+/** Parts whose controls reach the node only while its time goes on. */
+const ACTING = "#command, #board, #faults, #more-faults, #send, #panel-parameters";
 const NO_LOADER = new Uint8Array();
 
 export class SimulatedView implements Runner, Toured {
@@ -304,6 +306,13 @@ export class SimulatedView implements Runner, Toured {
   }
 
   private listen() {
+    for (const kind of ["click", "change", "submit"]) {
+      byId("view-simulated").addEventListener(kind, ({ target }) => {
+        if (!this.clock.isRunning && (target as Element).closest(ACTING)) {
+          this.notice("The time is paused: what you do takes effect when you press Run.", false);
+        }
+      });
+    }
     onClick("reboot", () => this.reboot());
     byId("corner").addEventListener("change", () => this.reboot());
     onClick("blank", () => {
