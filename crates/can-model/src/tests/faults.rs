@@ -39,8 +39,9 @@ on a bus that is always recessive a sender goes bus-off, and the others receive 
     nodes 2; inject StuckRecessive on; send 0 123#01; bits 1000; state 0 BusOff; counters 1 0 0
     got 1; clear; bits 1608; got 1 123#01
 a sender of destroyed frames goes bus-off and recovers (ISO 11898-1, fault confinement)
-    nodes 3; inject DestroyFrames on; send 0 1003F20A#01000038C7; bits 6400; frames 0; got 1
-    happened 0 BusOff; inject DestroyFrames off; bits 1908; got 1 1003F20A#01000038C7
+    nodes 3; inject DestroyFrames on; send 0 1003F20A#01000038C7; bits 60; error frames 0; bits 30
+    error frames 1; bits 6310; frames 0; got 1; happened 0 BusOff; inject DestroyFrames off
+    bits 1908; got 1 1003F20A#01000038C7
 a disconnected station receives only itself, and no station acknowledges it
     nodes 3; connect 0 off; send 0 001#AA; send 1 123#01; bits 3000; got 2 123#01; got 0
     counters 0 128 0; frames 1; connect 0 on; bits 2000; got 2 001#AA; counters 0 127 0
