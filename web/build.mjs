@@ -61,7 +61,7 @@ function withAddress(html) {
     .replace('href="docs/README.html', `href="${address}/blob/HEAD/docs/README.md`);
 }
 
-/** Writes the documents as pages, with their drawings; photographs of a screen are too large. */
+/** Writes the documents as pages, with their drawings; screenshots are too large. */
 function writeDocuments() {
   rmSync(join(out, "docs"), { recursive: true, force: true });
   mkdirSync(join(out, "docs/img"), { recursive: true });

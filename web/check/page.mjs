@@ -289,6 +289,13 @@ const tests = {
     await until("words on what waits", async () => /takes effect when you press Run/.test(await text(page, "#notice")));
     await page.click("#run");
     await until("no words", () => page.locator("#notice").isHidden());
+    await link(page);
+    await page.click("#run");
+    await page.click("#part-bench");
+    await page.locator("#first-faults button").first().click();
+    assert.match(await text(page, "#notice"), /is copied/, "a pause hides no other words");
+    await page.click("#run");
+    assert.match(await text(page, "#notice"), /is copied/, "and neither does its end");
     await page.selectOption("#rate", "1");
     return page;
   },

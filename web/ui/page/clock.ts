@@ -14,6 +14,7 @@ const SLOW = 0.97;
 const STEP_MS = 2000;
 
 export class Clock {
+  /** False while the time is paused. */
   isRunning = true;
   /** Real time up to which the simulation should be, less the simulated time. */
   private offset = 0;
@@ -37,7 +38,6 @@ export class Clock {
       byId("steps").hidden = this.isRunning;
       this.bitAt = null;
       this.synchronise();
-      this.world.notice("");
     });
     onClick("step-frame", () => this.stepFrame());
     onClick("step-bit", () => this.stepBit());

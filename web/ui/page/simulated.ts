@@ -37,6 +37,7 @@ const LANES: Lane[] = [
 ];
 /** Parts whose controls reach the node only while its time goes on. */
 const ACTING = "#command, #board, #faults, #more-faults, #send, #panel-parameters";
+const PAUSED = "The time is paused: what you do takes effect when you press Run.";
 const NO_LOADER = new Uint8Array();
 
 export class SimulatedView implements Runner, Toured {
@@ -308,11 +309,17 @@ export class SimulatedView implements Runner, Toured {
   private listen() {
     for (const kind of ["click", "change", "submit"]) {
       byId("view-simulated").addEventListener(kind, ({ target }) => {
-        if (!this.clock.isRunning && (target as Element).closest(ACTING)) {
-          this.notice("The time is paused: what you do takes effect when you press Run.", false);
+        // What a control has just said, such as an error, stays.
+        if (!this.clock.isRunning && byId("notice").hidden && (target as Element).closest(ACTING)) {
+          this.notice(PAUSED, false);
         }
       });
     }
+    onClick("run", () => {
+      if (byId("notice-text").textContent === PAUSED) {
+        this.notice("");
+      }
+    });
     onClick("reboot", () => this.reboot());
     byId("corner").addEventListener("change", () => this.reboot());
     onClick("blank", () => {
