@@ -24,11 +24,13 @@ const CNF3: u8 = 0x28;
 const CANINTE: u8 = 0x2B;
 const EFLG: u8 = 0x2D;
 const REC: u8 = 0x1D;
+const TXB2CTRL: u8 = 0x50;
 const RXB0CTRL: u8 = 0x60;
 const READ: u8 = 0x03;
 const WRITE: u8 = 0x02;
 
 const OSM: u8 = 0x08;
+const MLOA: u8 = 0x20;
 
 /// Accepts, in buffer 0, all extended frames that agree with `id` in the bits of `mask`.
 #[derive(Clone, Copy)]
@@ -418,6 +420,52 @@ fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped
     assert_eq!(rig.world().take_traffic().0.last(), Some(&Frame::extended(0x1801_552A, &[4])));
     rig.assert_sent(5, 2, 3);
     assert!(rig.transmit(&frame(0x1801_552A, &[5])), "at any time");
+}
+
+/// It fails ten times in a row, after it has lost against a frame of the peer.
+#[test]
+fn a_frame_that_lost_an_arbitration_and_then_failed_does_not_show_that_the_bit_rate_is_right() {
+    let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
+    for n in 0..2 {
+        rig.peer_sends(Frame::extended(1, &[n; 8]));
+    }
+    rig.idle_us(50);
+    assert!(rig.transmit(&frame(0x1801_552A, &[0])));
+    while rig.register(TXB2CTRL) & MLOA == 0 {
+        rig.idle_us(1);
+    }
+    rig.world().connect_peer(false);
+    rig.run_ms(200);
+    for ms in 200..900 {
+        assert!(!rig.transmit(&frame(0x1801_552A, &[1])), "after {ms} ms");
+        rig.run_ms(1);
+    }
+}
+
+/// A chip may be bus-off for only 1.4 ms.
+#[test]
+fn while_a_frame_waits_the_error_flags_are_read_once_in_each_millisecond() {
+    for waits in [false, true] {
+        let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
+        rig.world().connect_peer(false);
+        if waits {
+            assert!(rig.transmit(&frame(0x1801_552A, &[])));
+        }
+        let begin_ms = rig.now_ms();
+        let mut supervisions = 0;
+        for now_ms in begin_ms + 1..=begin_ms + 50 {
+            let mut polls = 0;
+            while rig.driver.state(now_ms).is_due && polls < 10 {
+                rig.driver.poll(now_ms);
+                polls += 1;
+            }
+            let is_supervision = polls >= 4;
+            supervisions += u8::from(is_supervision);
+            let expected = u8::from(waits) + if is_supervision { 4 } else { 0 };
+            assert_eq!(polls, expected, "{now_ms} ms, {waits}");
+        }
+        assert_eq!(supervisions, 5, "{waits}");
+    }
 }
 
 #[test]

@@ -200,6 +200,34 @@ fn on_a_shared_bus_a_frame_is_sent_in_two_halves_or_in_one() {
     assert_eq!((received.id, received.data()), ([0x1A, 0xBC, 0xDE, 0xF0], &[7, 8][..]));
 }
 
+/// Runs a driver whose bit rate is not that of the bus, on which a frame is sent every 10 ms.
+fn check_another_rate<C: Instructions>(rig: &Rig, mut driver: Driver<C, Wire, Filters>) {
+    let mut configuration = Rig::configuration(Filters::ALL, Attempts::UntilSent);
+    configuration.timing = BitTiming::new(CRYSTAL_HZ, BIT_RATE / 2);
+    driver.configure(configuration);
+    let other = Rc::new(RefCell::new(SoftNode::new(BIT_RATE)));
+    rig.world().bus.attach("other", other);
+    let mut can = driver.with_clock(rig.clock());
+    let mut events = vec![];
+    for second in 0..5 {
+        for n in 0..100 {
+            rig.peer_sends(BusFrame::standard(n, &[0x55; 8]));
+            events.extend(poll(&mut can, 10));
+        }
+        let (_, errors) = rig.world().take_traffic();
+        assert!(errors == 0 || second == 0, "{errors} in second {second}");
+    }
+    assert_eq!(events, [Event::Running, Event::AnotherRate]);
+}
+
+#[test]
+fn at_another_bit_rate_than_that_of_the_bus_the_chip_listens_and_disturbs_nobody() {
+    let rig = Rig::new();
+    check_another_rate(&rig, rig.exclusive(Attempts::UntilSent));
+    let rig = Rig::new();
+    check_another_rate(&rig, rig.shared(Attempts::UntilSent));
+}
+
 #[test]
 fn in_listen_only_mode_the_chip_receives_and_neither_acknowledges_nor_sends() {
     let rig = Rig::new();
