@@ -263,7 +263,7 @@ sources: setup-build
 	scripts/docs
 	set -e; for page in elf-mutants wiring-page release-page; do scripts/$$page --check; done
 PROGRAM := -p servo-node --bin servo-node
-PUBLISHED := avr-bounds avr-core can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
+PUBLISHED := avr-core avr-bounds can-frame sim-base can-model mcp2515-model mcp2515-ordered dronecan-wire
 # First the Python: names that are not defined or not used. Clippy, for both targets. Then the published
 # crates with a stable Rust and the oldest one that they promise, also for a Cortex-M0, with their
 # documentation, and own-node on its boards. Last, cargo packs each published crate and builds it from

@@ -2,12 +2,12 @@
 //!
 //! ## How it works
 //!
-//! [`program`] reads the ELF and [`opcode`] decodes its instructions. [`step`] says what an
-//! instruction does to what is known of the processor ([`state`], [`value`]). [`stack`] follows all
-//! paths of each function, which also finds the targets of jumps, and adds up the stack. [`cycles`]
-//! follows them again, in order and each loop round by round, and adds up the time.
-//! What cannot be followed is an error with its place, unless the file of [`annotations`] says what
-//! is true there.
+//! [`program`] reads the ELF, and `avr-core` decodes its instructions ([`opcode`]). [`step`] says
+//! what an instruction does to what is known of the processor ([`state`], [`value`]). [`stack`]
+//! follows all paths of each function, which also finds the targets of jumps, and adds up the
+//! stack. [`cycles`] follows them again, in order and each loop round by round, and adds up the
+//! time. What cannot be followed is an error with its place, unless the file of [`annotations`]
+//! says what is true there.
 
 #![forbid(unsafe_code)]
 
@@ -20,12 +20,10 @@ pub mod clock;
 pub mod command;
 mod countdown;
 pub mod cycles;
-mod decode;
 pub mod enables;
 pub mod interference;
 mod liveness;
 mod memory;
-pub mod opcode;
 pub mod order;
 mod path;
 pub mod program;
@@ -42,3 +40,5 @@ pub mod virtuals;
 mod wait;
 pub mod whole;
 mod wide;
+
+pub use avr_core::opcode;

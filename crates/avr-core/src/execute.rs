@@ -4,8 +4,8 @@
 //! is set, sleep, a call for attention) sets the deadline to 0.
 
 use crate::bus::{Bus, Clock, Spm};
-use crate::decode::{Entry, Op};
 use crate::flags::{Flags, I, T};
+use crate::table::{Entry, Op};
 use crate::{Core, DATA_BYTES, InvalidOpcode, RAM_START, Stop, TABLE};
 
 /// Data addresses of the registers that the core has itself.

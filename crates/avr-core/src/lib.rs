@@ -17,6 +17,8 @@ mod bus;
 mod decode;
 mod execute;
 mod flags;
+pub mod opcode;
+mod table;
 #[cfg(test)]
 mod tests;
 
@@ -25,7 +27,7 @@ use alloc::vec::Vec;
 use core::fmt;
 
 pub use bus::{Bus, Clock, NoPeripherals, Spm};
-use decode::{Entry, decode};
+use table::Entry;
 
 /// Number of entries of the table: the words of the larger flash.
 const TABLE: usize = 0x4000;
@@ -138,7 +140,7 @@ impl Core {
             is_sp_set_by_hand: false,
             is_asleep: false,
             holds_interrupts: false,
-            table: [decode(0xFFFF, 0xFFFF); TABLE],
+            table: [Entry::new(0xFFFF, 0xFFFF); TABLE],
             flash: vec![0xFF; chip.flash_bytes()],
             data: [0; DATA_BYTES],
         }
@@ -203,7 +205,7 @@ impl Core {
         let words = self.flash.len() / 2;
         let last = (start == 0).then_some(words - 1);
         for word in last.into_iter().chain((start / 2).saturating_sub(1)..end.div_ceil(2)) {
-            let entry = decode(self.word(word), self.word(word + 1));
+            let entry = Entry::new(self.word(word), self.word(word + 1));
             // The smaller flash fills the table twice, because the program counter wraps.
             self.table[word..].iter_mut().step_by(words).for_each(|place| *place = entry);
         }

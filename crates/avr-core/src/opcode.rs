@@ -2,8 +2,7 @@
 //!
 //! Source: the AVR instruction set manual (DS40002198). The chips have at most 128 KiB of flash, so
 //! the program counter has two bytes, and EICALL, EIJMP, ELPM and the instructions of other cores
-//! (XCH, LAS, LAC, LAT, DES, SPM Z+) do not exist. The module `decode` has the
-//! decoder.
+//! (XCH, LAS, LAC, LAT, DES, SPM Z+) do not exist.
 
 /// A register pair that LD, ST, LDD and STD use as a pointer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
