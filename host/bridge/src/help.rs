@@ -126,13 +126,8 @@ mod tests {
     }
 
     #[test]
-    fn the_help_fits_two_screens_and_names_each_topic() {
-        HELP.assert_fits_two_screens();
-    }
-
-    #[test]
-    fn each_option_has_one_topic() {
-        HELP.assert_each_option_has_one_topic();
+    fn the_help_fits_two_screens_and_each_option_has_one_topic() {
+        HELP.assert_is_whole();
     }
 
     #[test]

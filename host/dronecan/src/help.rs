@@ -113,23 +113,16 @@ impl Help {
     /// For the tests of a program.
     ///
     /// # Panics
-    /// If `--help` does not fit two screens, or does not name each topic.
+    /// If `--help` does not fit two screens or does not name each topic, or if an option belongs to
+    /// no topic or to several.
     #[track_caller]
-    pub fn assert_fits_two_screens(&self) {
+    pub fn assert_is_whole(&self) {
         let text = self.overview();
         assert!(text.lines().count() <= TWO_SCREENS, "{} lines:\n{text}", text.lines().count());
         assert!(text.lines().all(|line| line.chars().count() <= WIDTH), "{text}");
         for topic in self.topics {
             assert!(text.contains(&table([(topic.name, topic.about)])), "{}", topic.name);
         }
-    }
-
-    /// For the tests of a program.
-    ///
-    /// # Panics
-    /// If an option belongs to no topic, or to several.
-    #[track_caller]
-    pub fn assert_each_option_has_one_topic(&self) {
         for arg in (self.command)().get_arguments().filter(|arg| !arg.is_hide_set()) {
             let id = arg.get_id().as_str();
             let topics = self.topics.iter().filter(|topic| topic.options.contains(&id)).count();

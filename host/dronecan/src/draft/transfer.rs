@@ -194,22 +194,3 @@ impl Assembler {
         }
     }
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::sessions::SESSIONS_MAX;
-
-    #[test]
-    fn incomplete_transfers_use_limited_memory() {
-        let mut assembler = Assembler::new();
-        // First frames of broadcasts of many types from every node.
-        for (type_id, source) in
-            (0u32..50).flat_map(|type_id| (1u32..128).map(move |source| (type_id, source)))
-        {
-            let id = type_id << 19 | 2 << 17 | source << 10;
-            assert_eq!(assembler.push(id, &[0; FRAME_DATA], Duration::ZERO), Outcome::Partial);
-        }
-        assert_eq!(assembler.sessions.len(), SESSIONS_MAX);
-    }
-}
