@@ -19,7 +19,8 @@ use crate::board::WireEvent;
 use crate::can;
 use crate::wiring::Pin;
 
-pub use writer::{Level, Levels, NAMES, PINS, WIRES, WIRES_OF_EVERY_BOARD, Wire, Writer};
+pub use vcd::Value;
+pub use writer::{Levels, NAMES, PINS, WIRES, WIRES_OF_EVERY_BOARD, Wire, Writer};
 
 /// Longest time from the start of a byte on the SPI to its event, which comes at its end: 8 bits of
 /// 128 cycles.
@@ -39,10 +40,10 @@ pub fn signal(name: &str) -> Result<Wire, String> {
 
 /// Levels of all wires: those of the bus and of the events with which a probe begins, else idle.
 pub fn levels(bus: can::Level, probe: &[(Cycles, WireEvent)]) -> Levels {
-    let mut levels = [Level::High; WIRES];
-    levels[Wire::Sck as usize] = Level::Low;
-    levels[Wire::Mosi as usize] = Level::Low;
-    levels[Wire::Miso as usize] = Level::Floating;
+    let mut levels = [Value::V1; WIRES];
+    levels[Wire::Sck as usize] = Value::V0;
+    levels[Wire::Mosi as usize] = Value::V0;
+    levels[Wire::Miso as usize] = Value::Z;
     levels[Wire::Can as usize] = (!bus.is_dominant()).into();
     for (_, event) in probe {
         if let Some((wire, level)) = plain_level(*event) {
@@ -110,7 +111,7 @@ impl Drawn {
             WireEvent::Cs(high) => {
                 writer.change(at, Wire::Cs, high);
                 if high {
-                    writer.change(at, Wire::Miso, Level::Floating);
+                    writer.change(at, Wire::Miso, Value::Z);
                 }
             }
             WireEvent::Spi { byte, miso } => draw_spi(writer, &byte, miso),
@@ -150,8 +151,7 @@ mod tests {
     /// Draws with `draw`, and returns the changes of one wire as (cycle, level).
     fn drawn(wire: &str, draw: impl FnOnce(&mut Writer<&mut Vec<u8>>)) -> Vec<(Cycles, char)> {
         let mut out = Vec::new();
-        let mut writer =
-            Writer::new(&mut out, 0, &wires(&[], 0, &[]), [Level::Floating; WIRES]).unwrap();
+        let mut writer = Writer::new(&mut out, 0, &wires(&[], 0, &[]), [Value::Z; WIRES]).unwrap();
         draw(&mut writer);
         writer.finish(1_000_000).unwrap();
         drop(writer);

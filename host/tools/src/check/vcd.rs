@@ -2,6 +2,8 @@
 //! The signals are SERVO, INT and CS.
 
 use crate::check::measure::deviation;
+use std::fmt::Display;
+use vcd::{Command, IdCode, Parser, ScopeItem, Value};
 
 /// The pulses of a servo.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,38 +23,39 @@ type Edges = Vec<(f64, bool)>;
 /// # Errors
 /// If the text is no recording.
 pub fn measure(text: &str) -> Result<(Option<Pulses>, Option<f64>), String> {
-    let unit = timescale_us(text).ok_or("the recording of the analyser has no time scale")?;
-    let edges = |name: &str| edges(text, name, unit);
-    let servo = edges("SERVO").ok_or("the recording of the analyser has no SERVO")?;
-    let latency = edges("INT").zip(edges("CS")).and_then(|(int, cs)| latency(&int, &cs));
-    Ok((pulses(&servo), latency))
-}
-
-fn timescale_us(text: &str) -> Option<f64> {
-    let scale = text.split_once("$timescale")?.1.split_once("$end")?.0;
-    let scale: String = scale.split_whitespace().collect();
-    let at = scale.find(|c: char| !c.is_ascii_digit())?;
-    let unit = [("s", 1e6), ("ms", 1e3), ("us", 1.0), ("ns", 1e-3), ("ps", 1e-6)];
-    let (_, unit) = unit.into_iter().find(|(name, _)| *name == &scale[at..])?;
-    Some(scale[..at].parse::<f64>().ok()? * unit)
-}
-
-fn edges(text: &str, name: &str, unit: f64) -> Option<Edges> {
-    let declared = text
-        .lines()
-        .find(|line| line.starts_with("$var") && line.split_whitespace().nth(4) == Some(name))?;
-    let id = declared.split_whitespace().nth(3)?;
-    let (mut now, mut edges) = (0.0, Edges::new());
-    for word in text.split_once("$enddefinitions")?.1.split_whitespace() {
-        if let Some(time) = word.strip_prefix('#') {
-            now = time.parse::<f64>().ok()? * unit;
-        } else if let Some(level) =
-            word.strip_suffix(id).filter(|level| matches!(*level, "0" | "1"))
-        {
-            edges.push((now, level == "1"));
+    let wrong = |why: &dyn Display| format!("the recording of the analyser cannot be used: {why}");
+    let mut recording = Parser::new(text.as_bytes());
+    let header = recording.parse_header().map_err(|error| wrong(&error))?;
+    let (count, unit) = header.timescale.ok_or_else(|| wrong(&"it has no time scale"))?;
+    let unit_us = f64::from(count) * 1e6 / unit.divisor() as f64;
+    let signals = ["SERVO", "INT", "CS"].map(|name| signal(&header.items, name));
+    let mut edges = [(); 3].map(|()| Edges::new());
+    let mut now = 0.0;
+    for command in recording {
+        match command.map_err(|error| wrong(&error))? {
+            Command::Timestamp(units) => now = units as f64 * unit_us,
+            Command::ChangeScalar(id, level @ (Value::V0 | Value::V1)) => {
+                if let Some(at) = signals.iter().position(|signal| *signal == Some(id)) {
+                    edges[at].push((now, level == Value::V1));
+                }
+            }
+            _ => {}
         }
     }
-    Some(edges)
+    let [servo, int, cs] = edges;
+    if signals[0].is_none() {
+        return Err(wrong(&"it has no SERVO"));
+    }
+    Ok((pulses(&servo), latency(&int, &cs)))
+}
+
+/// The identifier of a signal, in any scope.
+fn signal(items: &[ScopeItem], name: &str) -> Option<IdCode> {
+    items.iter().find_map(|item| match item {
+        ScopeItem::Var(var) => (var.reference == name).then_some(var.code),
+        ScopeItem::Scope(scope) => signal(&scope.items, name),
+        _ => None,
+    })
 }
 
 fn pulses(edges: &Edges) -> Option<Pulses> {

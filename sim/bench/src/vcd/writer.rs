@@ -1,12 +1,11 @@
-//! The writer of a VCD file: its header, and the changes in the order of their times.
+//! The writer of a VCD file, with the crate `vcd`: the changes in the order of their times.
 //!
 //! Callers add changes in any order. `advance` names a time before which no more changes come. The
 //! writer sorts and writes the changes before that time, and keeps the others.
-//!
-//! Source: IEEE 1364-2005, section 18.2, "Format of the four-state VCD file".
 
 use crate::{Cycles, F_CPU_HZ};
 use std::io::{self, Write};
+use vcd::{IdCode, SimulationCommand, TimescaleUnit, Value};
 
 /// Units of the time scale in a second: 100 ps, the coarsest power of ten that divides a cycle of
 /// 62.5 ns.
@@ -84,51 +83,20 @@ pub const NAMES: [(Wire, &str); 16] = [
     (Wire::Out8, "OUT8"),
 ];
 
-/// Levels of all wires.
-pub type Levels = [Level; WIRES];
-
-impl Wire {
-    /// Identifier code of the wire in the file.
-    fn code(self) -> u8 {
-        b'!' + self as u8
-    }
-}
-
-/// Level of a wire.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Level {
-    Low,
-    High,
-    /// Not driven.
-    Floating,
-}
-
-impl From<bool> for Level {
-    fn from(high: bool) -> Level {
-        if high { Level::High } else { Level::Low }
-    }
-}
-
-impl Level {
-    fn code(self) -> u8 {
-        match self {
-            Level::Low => b'0',
-            Level::High => b'1',
-            Level::Floating => b'z',
-        }
-    }
-}
+/// Levels of all wires: V0, V1 or, not driven, Z.
+pub type Levels = [Value; WIRES];
 
 /// A writer of a VCD file.
 pub struct Writer<W: Write> {
     out: W,
-    text: Vec<u8>,
+    /// What is not in the file yet.
+    text: vcd::Writer<Vec<u8>>,
     bytes: u64,
     /// Changes that are not written yet. Of two changes of one wire at the same time the later in
     /// this list counts.
-    pending: Vec<(Cycles, Wire, Level)>,
-    /// The wires that are in the file.
-    wires: Vec<Wire>,
+    pending: Vec<(Cycles, Wire, Value)>,
+    /// The wires that are in the file, and their identifiers there.
+    wires: Vec<(Wire, IdCode)>,
     levels: Levels,
     written_to: Cycles,
 }
@@ -141,32 +109,31 @@ impl<W: Write> Writer<W> {
         named: &[(Wire, String)],
         levels: Levels,
     ) -> io::Result<Writer<W>> {
-        let mut header = String::from(
-            "$comment Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units. \
-             $end\n$timescale 100 ps $end\n$scope module node $end\n",
-        );
+        let mut text = vcd::Writer::new(Vec::new());
+        text.comment("Time 0 is power-on. One unit is 100 ps, one cycle of the AVR 625 units.")?;
+        text.timescale(100, TimescaleUnit::PS)?;
+        text.add_module("node")?;
+        let mut wires = vec![];
         for (wire, name) in named {
-            header += &format!("$var wire 1 {} {name} $end\n", wire.code() as char);
+            wires.push((*wire, text.add_wire(1, name)?));
         }
-        header += &format!(
-            "$upscope $end\n$enddefinitions $end\n#{}\n$dumpvars\n",
-            start * UNITS_PER_CYCLE
-        );
-        let mut text = header.into_bytes();
-        for (wire, _) in named {
-            text.extend([levels[*wire as usize].code(), wire.code(), b'\n']);
+        text.upscope()?;
+        text.enddefinitions()?;
+        text.timestamp(start * UNITS_PER_CYCLE)?;
+        text.begin(SimulationCommand::Dumpvars)?;
+        for (wire, id) in &wires {
+            text.change_scalar(*id, levels[*wire as usize])?;
         }
-        text.extend(b"$end\n");
-        let wires = named.iter().map(|(wire, _)| *wire).collect();
+        text.end()?;
         let mut writer =
-            Writer { out, text, bytes: 0, pending: Vec::new(), wires, levels, written_to: start };
+            Writer { out, text, bytes: 0, pending: vec![], wires, levels, written_to: start };
         writer.flush()?;
         Ok(writer)
     }
 
     /// Adds a change, if the wire is in the file.
-    pub fn change(&mut self, at: Cycles, wire: Wire, level: impl Into<Level>) {
-        if self.wires.contains(&wire) {
+    pub fn change(&mut self, at: Cycles, wire: Wire, level: impl Into<Value>) {
+        if self.wires.iter().any(|(named, _)| *named == wire) {
             self.pending.push((at, wire, level.into()));
         }
     }
@@ -182,51 +149,38 @@ impl<W: Write> Writer<W> {
         let count = self.pending.partition_point(|&(at, _, _)| at < safe);
         let due: Vec<_> = self.pending.drain(..count).collect();
         for moment in due.chunk_by(|a, b| a.0 == b.0) {
-            self.write_moment(moment[0].0, moment);
+            self.write_moment(moment[0].0, moment)?;
         }
-        if self.text.len() >= WRITE_SIZE {
+        if self.text.writer().len() >= WRITE_SIZE {
             self.flush()?;
         }
         Ok(())
     }
 
-    fn write_moment(&mut self, at: Cycles, changes: &[(Cycles, Wire, Level)]) {
+    fn write_moment(&mut self, at: Cycles, changes: &[(Cycles, Wire, Value)]) -> io::Result<()> {
         let before = self.levels;
         for &(_, wire, level) in changes {
             self.levels[wire as usize] = level;
         }
         if self.levels == before {
-            return;
+            return Ok(());
         }
         // Times in the file must not decrease, so a late change gets the time of the last one.
         debug_assert!(at >= self.written_to, "a change at {at} after {}", self.written_to);
         self.written_to = self.written_to.max(at);
-        self.write_time(self.written_to);
-        for wire in &self.wires {
+        self.text.timestamp(self.written_to * UNITS_PER_CYCLE)?;
+        for (wire, id) in &self.wires {
             let level = self.levels[*wire as usize];
             if level != before[*wire as usize] {
-                self.text.extend([level.code(), wire.code(), b'\n']);
+                self.text.change_scalar(*id, level)?;
             }
         }
-    }
-
-    fn write_time(&mut self, at: Cycles) {
-        let mut digits = [0; 20];
-        let mut first = digits.len();
-        let mut rest = at * UNITS_PER_CYCLE;
-        while rest > 0 || first == digits.len() {
-            first -= 1;
-            digits[first] = b'0' + (rest % 10) as u8;
-            rest /= 10;
-        }
-        self.text.push(b'#');
-        self.text.extend_from_slice(&digits[first..]);
-        self.text.push(b'\n');
+        Ok(())
     }
 
     /// Writes the collected text to the file.
     pub fn flush(&mut self) -> io::Result<()> {
-        let text = std::mem::take(&mut self.text);
+        let text = std::mem::take(self.text.writer());
         self.bytes += text.len() as u64;
         self.out.write_all(&text)?;
         self.out.flush()
@@ -238,7 +192,7 @@ impl<W: Write> Writer<W> {
         self.pending.clear();
         if end > self.written_to {
             self.written_to = end;
-            self.write_time(end);
+            self.text.timestamp(end * UNITS_PER_CYCLE)?;
         }
         self.flush()
     }
@@ -258,7 +212,7 @@ impl<W: Write> Writer<W> {
 mod tests {
     use super::*;
 
-    const IDLE: Levels = [Level::High; WIRES];
+    const IDLE: Levels = [Value::V1; WIRES];
 
     /// The wires of a board with `outputs` outputs besides the servo's.
     fn wires(outputs: usize) -> Vec<(Wire, String)> {
@@ -337,7 +291,7 @@ mod tests {
                 |writer| {
                     writer.change(20, Wire::Miso, false);
                     writer.change(20, Wire::Can, false);
-                    writer.change(20, Wire::Miso, Level::Floating);
+                    writer.change(20, Wire::Miso, Value::Z);
                     writer.change(30, Wire::Can, false);
                     writer.finish(40)
                 },
