@@ -195,7 +195,7 @@ if "--scan" in sys.argv:
     sys.exit(print("fx2lafw - Saleae Logic with 8 channels: D0 D1 D2 D3 D4 D5 D6 D7"))
 def recorded():
     head, changes = open("pins.vcd").read().split("$enddefinitions $end")
-    return head, re.findall(r"#(\\d+)\\n([^#]*)", changes[: changes.rindex("\\n") + 1])
+    return head, re.findall(r"^#(\\d+)\\n((?:[^#].*\\n)*)", changes, re.M)
 def end():
     return int(recorded()[1][-1][0])
 begin = end()
