@@ -4,69 +4,27 @@
 
 use bench::fault::{self, Fault};
 use bench::inject::{Injector, Target};
-use rig::faults::bus;
 use rig::{ARRAY_COMMAND, NODE, PWM, Rig, array_command};
 
-#[test]
-fn a_pulled_cable_is_logged_and_the_node_recovers() {
-    bus::CABLE.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn a_node_alone_on_the_bus_recovers_when_another_joins() {
-    bus::ALONE.check();
-}
-
-#[test]
-fn a_shorted_bus_is_logged_and_the_node_recovers() {
-    bus::SHORT.check();
-}
-
-#[test]
-fn a_bus_shorted_during_the_start_delays_the_node() {
-    bus::BROKEN_WHILE_STARTING.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn the_node_recovers_from_a_sender_at_another_bit_rate() {
-    bus::WRONG_RATE.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn a_wrong_bit_rate_is_logged_and_can_be_corrected() {
-    bus::OWN_RATE_WRONG.check();
-}
-
-#[test]
-fn the_node_recovers_from_a_babbling_node() {
-    bus::BABBLE.check();
-}
-
-#[test]
-fn without_acknowledgement_the_node_is_error_passive_and_recovers() {
-    bus::NO_ACKNOWLEDGE.check();
-}
-
-#[test]
-fn bus_off_is_counted_and_logged_and_the_node_recovers() {
-    bus::DESTROYED_ALONE.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn while_each_frame_is_destroyed_the_node_is_error_passive_and_then_it_recovers() {
-    bus::DESTROYED.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn bit_errors_are_counted_and_the_node_recovers_at_each_error_rate() {
-    for case in [&bus::NOISE_5, &bus::NOISE_4, &bus::NOISE_3, &bus::NOISE_2] {
-        case.check();
-    }
+rig::check_each! {
+    bus:
+    a_pulled_cable_is_logged_and_the_node_recovers: CABLE;
+    #[ignore = "takes long: make test-all"]
+    a_node_alone_on_the_bus_recovers_when_another_joins: ALONE;
+    a_shorted_bus_is_logged_and_the_node_recovers: SHORT;
+    a_bus_shorted_during_the_start_delays_the_node: BROKEN_WHILE_STARTING;
+    #[ignore = "takes long: make test-all"]
+    the_node_recovers_from_a_sender_at_another_bit_rate: WRONG_RATE;
+    #[ignore = "takes long: make test-all"]
+    a_wrong_bit_rate_is_logged_and_can_be_corrected: OWN_RATE_WRONG;
+    the_node_recovers_from_a_babbling_node: BABBLE;
+    without_acknowledgement_the_node_is_error_passive_and_recovers: NO_ACKNOWLEDGE;
+    bus_off_is_counted_and_logged_and_the_node_recovers: DESTROYED_ALONE;
+    #[ignore = "takes long: make test-all"]
+    while_each_frame_is_destroyed_the_node_is_error_passive_and_then_it_recovers: DESTROYED;
+    #[ignore = "takes long: make test-all"]
+    bit_errors_are_counted_and_the_node_recovers_at_each_error_rate:
+        NOISE_5, NOISE_4, NOISE_3, NOISE_2;
 }
 
 /// Faults in which the node cannot receive, whatever passes between others, and those of the

@@ -3,50 +3,23 @@
 //! `faults/chip.rs`, what they measure in docs/reliability.md.
 
 use rig::Rig;
-use rig::faults::chip;
 
-#[test]
-fn a_reset_controller_is_restarted_before_the_failsafe() {
-    chip::RESET.check();
-}
-
-#[test]
-fn a_controller_with_garbage_in_its_registers_is_restarted() {
-    chip::BROWN_OUT.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn a_controller_without_power_is_restarted_until_it_answers() {
-    chip::NO_POWER.check();
-}
-
-#[test]
-fn a_controller_stuck_in_configuration_mode_is_restarted_until_it_leaves_it() {
-    chip::HELD.check();
-}
-
-#[test]
-fn a_sleeping_controller_is_restarted() {
-    chip::ASLEEP.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn an_spi_that_reads_all_zeros_or_all_ones_is_logged() {
-    chip::MISO_LOW.check();
-    chip::MISO_HIGH.check();
-}
-
-#[test]
-fn an_spi_that_flips_bits_is_logged_and_the_servo_stays_in_its_travel() {
-    chip::FLIPPING.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn a_flipped_bit_in_a_register_is_detected() {
-    chip::REGISTER.check();
+rig::check_each! {
+    chip:
+    a_reset_controller_is_restarted_before_the_failsafe: RESET;
+    a_controller_with_garbage_in_its_registers_is_restarted: BROWN_OUT;
+    #[ignore = "takes long: make test-all"]
+    a_controller_without_power_is_restarted_until_it_answers: NO_POWER;
+    a_controller_stuck_in_configuration_mode_is_restarted_until_it_leaves_it: HELD;
+    a_sleeping_controller_is_restarted: ASLEEP;
+    #[ignore = "takes long: make test-all"]
+    an_spi_that_reads_all_zeros_or_all_ones_is_logged: MISO_LOW, MISO_HIGH;
+    an_spi_that_flips_bits_is_logged_and_the_servo_stays_in_its_travel: FLIPPING;
+    #[ignore = "takes long: make test-all"]
+    a_flipped_bit_in_a_register_is_detected: REGISTER;
+    a_flipped_bit_in_a_filter_is_corrected_by_the_failsafe: FILTER;
+    an_int_line_stuck_high_is_detected: INT_HIGH;
+    an_int_line_stuck_low_is_detected: INT_LOW;
 }
 
 /// RXB1CTRL, TXRTSCTRL and BFPCTRL, on a full bus of frames that the filters reject: with RXM = 11
@@ -74,19 +47,4 @@ fn a_flipped_bit_in_a_register_that_is_not_checked_loses_no_command() {
         let code = rig.information().status.vendor_code;
         assert_eq!(code, 0, "register {address:#04X}, bits {bits:#04X}");
     }
-}
-
-#[test]
-fn a_flipped_bit_in_a_filter_is_corrected_by_the_failsafe() {
-    chip::FILTER.check();
-}
-
-#[test]
-fn an_int_line_stuck_high_is_detected() {
-    chip::INT_HIGH.check();
-}
-
-#[test]
-fn an_int_line_stuck_low_is_detected() {
-    chip::INT_LOW.check();
 }

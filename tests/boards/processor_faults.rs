@@ -3,39 +3,14 @@
 //! in `faults/processor.rs`. restart.rs tests that nothing can panic, and pulses during a restart;
 //! parameters.rs tests a power failure at each byte of a save.
 
-use rig::faults::processor;
-
-#[test]
-fn a_main_loop_that_hangs_is_restarted_by_the_watchdog() {
-    processor::HANG.check();
-}
-
-#[test]
-fn each_fault_of_the_program_restarts_it_and_is_reported() {
-    processor::STRAY_INTERRUPT.check();
-    processor::STACK.check();
-}
-
-#[test]
-fn each_external_reset_is_reported_with_its_cause() {
-    processor::BROWN_OUT.check();
-    processor::RESET_PIN.check();
-    processor::POWER_CUT.check();
-}
-
-#[test]
-fn a_brown_out_during_a_save_leaves_a_complete_set_of_parameters() {
-    processor::BROWN_OUT_DURING_SAVE.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn the_wrap_of_the_millisecond_counter_has_no_effect() {
-    processor::MILLISECONDS_WRAP.check();
-}
-
-#[test]
-#[ignore = "takes long: make test-all"]
-fn the_wraps_of_the_uptime_and_the_transfer_ids_have_no_effect() {
-    processor::UPTIME_WRAPS.check();
+rig::check_each! {
+    processor:
+    a_main_loop_that_hangs_is_restarted_by_the_watchdog: HANG;
+    each_fault_of_the_program_restarts_it_and_is_reported: STRAY_INTERRUPT, STACK;
+    each_external_reset_is_reported_with_its_cause: BROWN_OUT, RESET_PIN, POWER_CUT;
+    a_brown_out_during_a_save_leaves_a_complete_set_of_parameters: BROWN_OUT_DURING_SAVE;
+    #[ignore = "takes long: make test-all"]
+    the_wrap_of_the_millisecond_counter_has_no_effect: MILLISECONDS_WRAP;
+    #[ignore = "takes long: make test-all"]
+    the_wraps_of_the_uptime_and_the_transfer_ids_have_no_effect: UPTIME_WRAPS;
 }

@@ -65,6 +65,20 @@ impl Measured {
     }
 }
 
+/// Makes a test of each name, which checks the cases behind it.
+#[macro_export]
+macro_rules! check_each {
+    ($module:ident: $($(#[$ignore:meta])? $name:ident: $($case:ident),+;)+) => {
+        $(
+            #[test]
+            $(#[$ignore])?
+            fn $name() {
+                $($crate::faults::$module::$case.check();)+
+            }
+        )+
+    };
+}
+
 impl Case {
     /// Runs the case and checks its limits.
     #[track_caller]
