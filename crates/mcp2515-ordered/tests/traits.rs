@@ -175,11 +175,8 @@ fn on_a_shared_bus_a_frame_costs_two_transactions_to_receive_and_three_to_send()
     assert_eq!(rig.world().take_cost(), (3, 2 + 16 + 1));
 }
 
-/// The halves are for a program whose interrupt handler receives frames in between.
-#[test]
-fn on_a_shared_bus_a_frame_is_sent_in_two_halves_or_in_one() {
-    let rig = Rig::new();
-    let mut can = rig.shared(Attempts::UntilSent).with_clock(rig.clock());
+fn check_halves<C: Instructions>(rig: &Rig, driver: Driver<C, Wire, Filters>) {
+    let mut can = driver.with_clock(rig.clock());
     start(&mut can);
     let frame = |n| mcp2515_ordered::Frame { id: [0x1F, 0xFF, 1, n], len: 2, data: [n; 8] };
     let driver = can.driver();
@@ -198,6 +195,15 @@ fn on_a_shared_bus_a_frame_is_sent_in_two_halves_or_in_one() {
     let mut received = mcp2515_ordered::Frame::EMPTY;
     assert!(can.driver().receive(&mut received));
     assert_eq!((received.id, received.data()), ([0x1A, 0xBC, 0xDE, 0xF0], &[7, 8][..]));
+}
+
+/// The halves are for a program whose interrupt handler receives frames in between.
+#[test]
+fn a_frame_is_sent_in_two_halves_or_in_one() {
+    let rig = Rig::new();
+    check_halves(&rig, rig.exclusive(Attempts::UntilSent));
+    let rig = Rig::new();
+    check_halves(&rig, rig.shared(Attempts::UntilSent));
 }
 
 /// Runs a driver whose bit rate is not that of the bus, on which a frame is sent every 10 ms.
