@@ -422,6 +422,24 @@ fn without_one_shot_mode_a_frame_is_repeated_until_it_is_acknowledged_or_dropped
     assert!(rig.transmit(&frame(0x1801_552A, &[5])), "at any time");
 }
 
+/// The filters reject the frames of the peer, so nothing else shows it.
+#[test]
+fn a_frame_that_lost_an_arbitration_shows_that_the_bit_rate_is_right() {
+    let acceptance = Accept { id: 0x1FFF_FFFF, mask: 0x1FFF_FFFF };
+    let mut rig = Rig::at_rate(8, acceptance, Attempts::UntilSent);
+    rig.run_ms(20);
+    for n in 0..2 {
+        rig.peer_sends(Frame::extended(1, &[n; 8]));
+    }
+    rig.idle_us(50);
+    assert!(rig.transmit(&frame(0x1801_552A, &[0])));
+    rig.run_ms(20);
+    assert_eq!(rig.world().take_traffic(), (vec![], 0), "tried once");
+    assert!(rig.transmit(&frame(0x1801_552A, &[1])), "not only in a part of each 1050 ms");
+    rig.run_ms(5);
+    assert_eq!(rig.world().take_traffic().0, [Frame::extended(0x1801_552A, &[1])]);
+}
+
 /// It fails ten times in a row, after it has lost against a frame of the peer.
 #[test]
 fn a_frame_that_lost_an_arbitration_and_then_failed_does_not_show_that_the_bit_rate_is_right() {
