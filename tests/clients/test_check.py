@@ -202,6 +202,8 @@ begin = end()
 while end() < begin + 10_000_000_000:
     time.sleep(0.1)
 head, steps = recorded()
+# As sigrok-cli 0.7.2 does.
+print("META samplerate: 16000000")
 print(head.replace(" OUT2 ", " SERVO ") + "$enddefinitions $end")
 for at, levels in steps:
     if int(at) > begin:

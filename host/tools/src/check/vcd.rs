@@ -3,6 +3,7 @@
 
 use crate::check::measure::deviation;
 use std::fmt::Display;
+use std::io::Read;
 use vcd::{Command, IdCode, Parser, ScopeItem, Value};
 
 /// The pulses of a servo.
@@ -24,11 +25,17 @@ type Edges = Vec<(f64, bool)>;
 /// If the text is no recording.
 pub fn measure(text: &str) -> Result<(Option<Pulses>, Option<f64>), String> {
     let wrong = |why: &dyn Display| format!("the recording of the analyser cannot be used: {why}");
-    let mut recording = Parser::new(text.as_bytes());
+    // sigrok-cli can print the sample rate before the recording. The parser needs the last line's
+    // end.
+    let text = &text[text.find('$').unwrap_or(text.len())..];
+    let mut recording = Parser::new(text.as_bytes().chain(&b"\n"[..]));
     let header = recording.parse_header().map_err(|error| wrong(&error))?;
     let (count, unit) = header.timescale.ok_or_else(|| wrong(&"it has no time scale"))?;
     let unit_us = f64::from(count) * 1e6 / unit.divisor() as f64;
     let signals = ["SERVO", "INT", "CS"].map(|name| signal(&header.items, name));
+    if signals[0].is_none() {
+        return Err(wrong(&"it has no SERVO"));
+    }
     let mut edges = [(); 3].map(|()| Edges::new());
     let mut now = 0.0;
     for command in recording {
@@ -43,9 +50,6 @@ pub fn measure(text: &str) -> Result<(Option<Pulses>, Option<f64>), String> {
         }
     }
     let [servo, int, cs] = edges;
-    if signals[0].is_none() {
-        return Err(wrong(&"it has no SERVO"));
-    }
     Ok((pulses(&servo), latency(&int, &cs)))
 }
 
@@ -96,8 +100,8 @@ mod tests {
     #[test]
     fn pulses_and_the_latency_of_cs_are_measured() {
         let mut text = String::from(
-            "$timescale 1 ns $end\n$var wire 1 ! SERVO $end\n$var wire 1 \" INT $end\n\
-             $var wire 1 # CS $end\n$enddefinitions $end\n#0 0! 1\" 1#\n",
+            "META samplerate: 16000000\n$timescale 1 ns $end\n$var wire 1 ! SERVO $end\n\
+             $var wire 1 \" INT $end\n$var wire 1 # CS $end\n$enddefinitions $end\n#0 0! 1\" 1#\n",
         );
         for n in 0..5u64 {
             let at = 1000 + n * 20_000_000;
@@ -107,7 +111,7 @@ mod tests {
                 at + 1_500_000
             );
         }
-        let (pulses, latency) = measure(&text).unwrap();
+        let (pulses, latency) = measure(text.trim_end()).unwrap();
         let pulses = pulses.unwrap();
         assert!((pulses.width_us - 1500.0).abs() < 1e-6 && pulses.jitter_us < 1e-6);
         assert!((pulses.period_ms - 20.0).abs() < 1e-9);
