@@ -149,6 +149,16 @@ impl Rig {
         self.peer.borrow_mut().send(frame);
     }
 
+    /// Passes a frame to the chip, which loses against the second one of the peer: both begin after
+    /// the first one.
+    fn lose_arbitration(&mut self, frame: &DriverFrame) {
+        for n in 0..2 {
+            self.peer_sends(Frame::extended(1, &[n; 8]));
+        }
+        self.idle_us(50);
+        assert!(self.transmit(frame));
+    }
+
     fn take_events(&mut self) -> Vec<Event> {
         self.notices.drain(..).map(|notice| notice.event).collect()
     }
@@ -360,12 +370,7 @@ fn in_one_shot_mode_a_frame_that_is_destroyed_or_loses_arbitration_is_not_sent_a
         rig.run_ms(30);
         assert_eq!(rig.world().take_traffic(), (vec![], 1), "bit {bit}");
     }
-    // The second frame of the peer and the frame of the chip both begin after the frame that is on
-    // the bus.
-    rig.peer_sends(Frame::extended(0x0000_0001, &[0; 8]));
-    rig.peer_sends(Frame::extended(0x0000_0001, &[1; 8]));
-    rig.idle_us(50);
-    assert!(rig.transmit(&frame(0x1E97_4D00, &[1, 2])));
+    rig.lose_arbitration(&frame(0x1E97_4D00, &[1, 2]));
     rig.run_ms(30);
     assert_eq!(rig.world().take_traffic(), (vec![], 0));
 }
@@ -428,11 +433,7 @@ fn a_frame_that_lost_an_arbitration_shows_that_the_bit_rate_is_right() {
     let acceptance = Accept { id: 0x1FFF_FFFF, mask: 0x1FFF_FFFF };
     let mut rig = Rig::at_rate(8, acceptance, Attempts::UntilSent);
     rig.run_ms(20);
-    for n in 0..2 {
-        rig.peer_sends(Frame::extended(1, &[n; 8]));
-    }
-    rig.idle_us(50);
-    assert!(rig.transmit(&frame(0x1801_552A, &[0])));
+    rig.lose_arbitration(&frame(0x1801_552A, &[0]));
     rig.run_ms(20);
     assert_eq!(rig.world().take_traffic(), (vec![], 0), "tried once");
     assert!(rig.transmit(&frame(0x1801_552A, &[1])), "not only in a part of each 1050 ms");
@@ -444,11 +445,7 @@ fn a_frame_that_lost_an_arbitration_shows_that_the_bit_rate_is_right() {
 #[test]
 fn a_frame_that_lost_an_arbitration_and_then_failed_does_not_show_that_the_bit_rate_is_right() {
     let mut rig = Rig::running(EVERYTHING, Attempts::UntilSent);
-    for n in 0..2 {
-        rig.peer_sends(Frame::extended(1, &[n; 8]));
-    }
-    rig.idle_us(50);
-    assert!(rig.transmit(&frame(0x1801_552A, &[0])));
+    rig.lose_arbitration(&frame(0x1801_552A, &[0]));
     while rig.register(TXB2CTRL) & MLOA == 0 {
         rig.idle_us(1);
     }
