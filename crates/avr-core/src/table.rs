@@ -192,24 +192,14 @@ fn operation(instruction: Instruction) -> (Op, u8, u16) {
         Instruction::Bset(flag) => (Op::Bset, 1 << flag, 0),
         Instruction::Bclr(FLAG_I) => (Op::Cli, 0, 0),
         Instruction::Bclr(flag) => (Op::Bclr, 1 << flag, 0),
-        Instruction::Brbs(flag, target) => {
-            let op = match flag {
-                FLAG_C => Op::Brcs,
-                FLAG_Z => Op::Breq,
-                FLAG_N => Op::Brmi,
-                _ => Op::Brbs,
-            };
-            (op, 1 << flag, distance(target))
-        }
-        Instruction::Brbc(flag, target) => {
-            let op = match flag {
-                FLAG_C => Op::Brcc,
-                FLAG_Z => Op::Brne,
-                FLAG_N => Op::Brpl,
-                _ => Op::Brbc,
-            };
-            (op, 1 << flag, distance(target))
-        }
+        Instruction::Brbs(flag @ FLAG_C, target) => (Op::Brcs, 1 << flag, distance(target)),
+        Instruction::Brbs(flag @ FLAG_Z, target) => (Op::Breq, 1 << flag, distance(target)),
+        Instruction::Brbs(flag @ FLAG_N, target) => (Op::Brmi, 1 << flag, distance(target)),
+        Instruction::Brbs(flag, target) => (Op::Brbs, 1 << flag, distance(target)),
+        Instruction::Brbc(flag @ FLAG_C, target) => (Op::Brcc, 1 << flag, distance(target)),
+        Instruction::Brbc(flag @ FLAG_Z, target) => (Op::Brne, 1 << flag, distance(target)),
+        Instruction::Brbc(flag @ FLAG_N, target) => (Op::Brpl, 1 << flag, distance(target)),
+        Instruction::Brbc(flag, target) => (Op::Brbc, 1 << flag, distance(target)),
         Instruction::Rjmp(target) => (Op::Rjmp, 0, distance(target)),
         Instruction::Rcall(target) => (Op::Rcall, 0, distance(target)),
         Instruction::Jmp(target) => (Op::Jmp, 0, word(target)),
