@@ -215,13 +215,12 @@ fn a_request_destroyed_by_an_error_is_not_repeated() {
 #[test]
 fn a_request_that_nobody_acknowledges_is_not_repeated() {
     let (mut rig, unique_id) = board_without_id();
-    let port = rig.bench.port(0);
-    rig.bench.bus().connect(port, false);
+    rig.connect_node(false);
     rig.run_ms(3500);
     // Each attempt adds eight to TEC. Repeated frames would add hundreds.
     let tec = rig.board().chip().borrow().tec();
     assert!((8..=64).contains(&tec), "{tec}");
-    rig.bench.bus().connect(port, true);
+    rig.connect_node(true);
     rig.forget();
     almost_allocated(&mut rig, unique_id);
     allocate(&mut rig, 9, &unique_id);

@@ -103,11 +103,10 @@ fn assert_quiet(bit_rate: u32, rate: u32, nodes: usize, is_plugged_in: bool) {
     let mut rig = Rig::on_bus_of(bit_rate, &elf, &vec![&eeprom[..]; nodes]);
     let mut others = Others::join(&mut rig, bit_rate);
     if !is_plugged_in {
-        let port = rig.bench.port(0);
-        rig.bench.bus().connect(port, false);
+        rig.connect_node(false);
         others.run_ms(&mut rig, 2500);
         assert_eq!(others.error_frames, 0, "{what}");
-        rig.bench.bus().connect(port, true);
+        rig.connect_node(true);
     }
     others.run_ms(&mut rig, 2000);
     println!("{what}: {} error frames, {} us", others.error_frames, others.latest / 16);

@@ -46,12 +46,10 @@ fn the_deepest_stack_stays_within_its_budget() {
             rig.board().chip_reset();
         }
         if round % 20 == 5 {
-            let port = rig.bench.port(0);
-            rig.bench.bus().connect(port, false);
+            rig.connect_node(false);
         }
         if round % 20 == 9 {
-            let port = rig.bench.port(0);
-            rig.bench.bus().connect(port, true);
+            rig.connect_node(true);
         }
         rig.run_ms(307);
     }

@@ -251,15 +251,14 @@ fn overflow_flags_are_cleared_and_each_overflow_is_logged() {
 #[test]
 fn after_dropped_frames_the_node_sends_again() {
     let mut rig = Rig::running();
-    let port = rig.bench.port(0);
-    rig.bench.bus().connect(port, false);
+    rig.connect_node(false);
     rig.wait_for_line("CAN H/L: not sent (1)", 2600);
     rig.run_ms(50);
     let chip = rig.board().chip();
     let waiting = (0..3).any(|n| chip.borrow().register(TXB0CTRL + 16 * n) & 0x08 != 0);
     assert!(!waiting || rig.serial.matches("not sent").count() == 1);
     assert_eq!(chip.borrow().register(CANCTRL) & ABAT, 0);
-    rig.bench.bus().connect(port, true);
+    rig.connect_node(true);
     rig.forget();
     rig.run_ms(2200);
     assert!(rig.statuses().len() >= 2, "{}", rig.serial);

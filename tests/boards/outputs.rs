@@ -257,11 +257,10 @@ fn a_failsafe_that_began_while_the_cable_was_out_is_told_when_it_is_back() {
         }
         command(&mut rig, 0..OUTPUTS);
         rig.run_ms(30);
-        let port = rig.bench.port(0);
-        rig.bench.bus().connect(port, false);
+        rig.connect_node(false);
         rig.run_ms(out_ms);
         rig.forget();
-        rig.bench.bus().connect(port, true);
+        rig.connect_node(true);
         for _ in 0..100 {
             if is_commanded {
                 command(&mut rig, 0..OUTPUTS);

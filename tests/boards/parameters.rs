@@ -125,8 +125,7 @@ fn a_bit_rate_takes_effect_at_the_next_start() {
         rig.run_ms(1200);
         assert!(!rig.statuses().is_empty(), "the node must keep its rate until the restart");
         // Other nodes see its frames at another rate as errors.
-        let port = rig.bench.port(0);
-        rig.bench.bus().connect(port, false);
+        rig.connect_node(false);
         rig.cut_power();
         rig.run_ms(300);
         let chip = rig.board().chip();

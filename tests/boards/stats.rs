@@ -58,10 +58,9 @@ fn can_stats_count_lost_and_dropped_frames() {
     assert!(rig.lose_frames() > 5);
     rig.run_ms(300);
     assert!(stats(&rig).last().unwrap().1.rx_overflow > 0);
-    let port = rig.bench.port(0);
-    rig.bench.bus().connect(port, false);
+    rig.connect_node(false);
     rig.run_ms(3000);
-    rig.bench.bus().connect(port, true);
+    rig.connect_node(true);
     rig.forget();
     rig.run_ms(1500);
     let (_, last) = *stats(&rig).last().expect("statistics again");

@@ -103,11 +103,10 @@ fn the_first_status_has_mode_initialization_and_the_next_operational() {
 #[ignore = "takes long: make test-all"]
 fn without_acknowledgement_the_node_is_error_passive_and_reports_it_later() {
     let mut rig = Rig::running();
-    let port = rig.bench.port(0);
-    rig.bench.bus().connect(port, false);
+    rig.connect_node(false);
     rig.run_ms(3000);
     assert_eq!(rig.statuses(), []);
-    rig.bench.bus().connect(port, true);
+    rig.connect_node(true);
     rig.run_ms(1500);
     let statuses = rig.statuses();
     assert!(

@@ -168,6 +168,12 @@ pub struct Rig {
 }
 
 impl Rig {
+    /// Connects the node to the bus, or disconnects it.
+    pub fn connect_node(&mut self, is_connected: bool) {
+        let port = self.bench.port(0);
+        self.bench.bus().connect(port, is_connected);
+    }
+
     /// See [`Program::powered`]: with the preset of the board's chip, as the four below.
     pub fn powered() -> Rig {
         Program::Preset.powered()

@@ -526,10 +526,9 @@ impl Soak {
     }
 
     fn begin(&mut self, fault: FaultKind) {
-        let port = self.rig.bench.port(0);
         let seed = self.random.next_u64();
         match fault {
-            FaultKind::Cable => self.rig.bench.bus().connect(port, false),
+            FaultKind::Cable => self.rig.connect_node(false),
             FaultKind::Short => self.rig.bench.bus().inject(Fault::StuckDominant(true)),
             FaultKind::NoAcknowledge => self.rig.bench.bus().inject(Fault::NoAck(true)),
             FaultKind::BitErrors => {
@@ -604,9 +603,8 @@ impl Soak {
     }
 
     fn end(&mut self, fault: FaultKind) {
-        let port = self.rig.bench.port(0);
         match fault {
-            FaultKind::Cable => self.rig.bench.bus().connect(port, true),
+            FaultKind::Cable => self.rig.connect_node(true),
             FaultKind::Short | FaultKind::NoAcknowledge | FaultKind::BitErrors => {
                 self.rig.bench.bus().clear_faults()
             }

@@ -52,13 +52,7 @@ pub const CABLE: Case = Case {
     fault: "the node's cable is pulled",
     noticed: "error-passive (bit 6), controller (bit 8)",
     reaction: "tries its frames until error-passive, then one to three a second",
-    run: || {
-        let pull = |rig: &mut Rig, on: bool| {
-            let port = rig.bench.port(0);
-            rig.bench.bus().connect(port, !on);
-        };
-        during(pull, "CAN H/L: error-passive", CONTROLLER)
-    },
+    run: || during(|rig, on| rig.connect_node(!on), "CAN H/L: error-passive", CONTROLLER),
     ..CASE
 };
 
