@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::hardware::OUTPUTS;
+use crate::node::acceptance::Row;
 use crate::tables::condition::Conditions;
 use mcp2515_ordered::{Event, Notice};
 
@@ -400,6 +401,139 @@ fn a_lost_frame_is_no_warning_while_each_output_gets_its_next_command_within_50_
     let mut rig = hub();
     rig.program.node.notice(lost);
     assert_eq!(rig.level(), 1, "without commands");
+}
+
+/// The companion (node 50) has a servo of its own, and says that it is disarmed.
+#[test]
+fn another_commander_with_an_output_of_its_own_does_not_stop_the_motors() {
+    let mut rig = with_motors();
+    for n in 0..150 {
+        if n % 25 == 0 {
+            rig.arm(255);
+            rig.hear(&golden::frame(ARMING_STATUS & !0x7F | 50, &[0, 0xC0]));
+        }
+        rig.throttles(FULL_AND_HALF);
+        rig.hear(&width_from(50, 1200.0 + n as f32));
+        rig.run(20);
+        assert!(n < 50 || rig.servos_us()[6..] == [2000, 1500], "{n}: {:?}", rig.servos_us());
+    }
+    assert_eq!((rig.servos_us()[0], rig.code()), (1349, 0), "one commander for each output");
+    rig.arm(0);
+    rig.run(20);
+    assert_eq!(rig.servos_us()[6..], [1000, 1000], "the motors' own commander disarms them");
+}
+
+/// Neither what the list has for the old ID, nor what a list without an end had for the new one.
+#[test]
+fn an_output_that_gets_another_id_in_the_middle_of_a_list_follows_nothing_before() {
+    let mut rig = hub();
+    rig.hear(&widths(&[(7, 1900), (1, 1500), (2, 1500)])[0]);
+    let frames = widths(&[(8, 1200), (1, 1500), (2, 1600)]);
+    rig.hear(&frames[0]);
+    rig.set_output(7, OutputParameter::Id, 7);
+    frames[1..].iter().for_each(|frame| rig.hear(frame));
+    rig.run(20);
+    assert_eq!(rig.servos_us(), [1500, 1600, 0, 0, 0, 0, 0, 0]);
+    rig.widths(&[(7, 1700), (8, 1100)]);
+    assert_eq!(rig.servos_us()[6..], [1700, 1700], "outputs 7 and 8 have ID 7");
+}
+
+/// ArduPilot leaves channels out when it has disarmed, up to half a second before it says so.
+#[test]
+fn a_motor_stops_at_once_when_its_commander_leaves_it_out() {
+    let mut rig = with_motors();
+    rig.arm(255);
+    for (payload, expected) in [(FULL_AND_HALF, [2000, 1500]), ("FF 7C", [2000, 1000])] {
+        rig.throttles(payload);
+        rig.run(10);
+        assert_eq!(rig.servos_us()[6..], expected, "{payload}");
+    }
+}
+
+#[test]
+fn a_single_motor_lets_raw_commands_through_the_filters() {
+    let mut rig = Rig::new();
+    for (kind, row) in [(0, Row::WITH_ID), (1, Row::WITH_MOTORS)] {
+        rig.set_output(0, OutputParameter::Type, kind);
+        rig.run(5000);
+        assert_eq!(rig.program.node.acceptance(InMemory).row, row);
+    }
+}
+
+#[test]
+fn the_thesis_command_goes_over_the_travel() {
+    let mut rig = Rig::new();
+    for (position, width_us) in [(0, 1000), (255, 2000), (51, 1200)] {
+        rig.log.clear();
+        rig.hear(&golden::frame(0x1004_570A, &[position, 0xC0]));
+        rig.run(20);
+        assert_eq!(rig.servos_us()[0], width_us, "{position}");
+        let log = String::from_utf8_lossy(&rig.log);
+        assert!(log.contains("Command"), "{log}");
+    }
+}
+
+/// The outputs are looked at one after the other.
+#[test]
+fn what_is_set_while_what_was_set_before_is_applied_is_applied_too() {
+    let mut rig = hub();
+    for (output, id) in [(7, 20), (0, 21)] {
+        let parameter = OutputParameter::Id.index(output);
+        assert!(rig.program.node.parameters.set(parameter, id, InMemory));
+        rig.program.node.apply_parameters();
+        for _ in 0..3 {
+            rig.turn();
+        }
+    }
+    rig.settle();
+    rig.widths(&[(20, 1100), (21, 1200)]);
+    assert_eq!((rig.servos_us()[0], rig.servos_us()[7]), (1200, 1100));
+}
+
+/// It was refused, because nobody is armed.
+#[test]
+fn a_command_for_the_old_index_of_a_motor_gives_no_pulse() {
+    let mut rig = Rig::with(&[(OutputParameter::Type.of(0), 1), (OutputParameter::Id.of(0), 0)]);
+    rig.throttles(FULL_AND_HALF);
+    rig.set_output(0, OutputParameter::Id, 9);
+    rig.run(20);
+    assert_eq!(rig.servos_us()[0], 0);
+}
+
+/// Maybe the commands have another identifier now.
+#[test]
+fn the_filters_are_set_anew_once_no_output_is_commanded_and_not_while_one_is() {
+    for (commands_2, times) in [(100, 0), (0, 1)] {
+        let mut rig = hub();
+        rig.widths(&[(1, 1500), (2, 1500)]);
+        let before = rig.can.filters_set;
+        for n in 0..100 {
+            if n < commands_2 {
+                rig.widths(&[(2, 1500)]);
+            }
+            rig.run(50);
+        }
+        assert_eq!(rig.can.filters_set - before, times, "{commands_2} commands");
+    }
+}
+
+/// Commands come faster than they are followed.
+#[test]
+fn of_many_commands_the_newest_is_followed_and_every_output_has_its_turn() {
+    let mut rig = hub();
+    for width in 1000..1200 {
+        rig.can.received.extend((1..=8).flat_map(|id| widths(&[(id, width)])));
+    }
+    let mut before = [0; OUTPUTS];
+    while !rig.can.received.is_empty() {
+        rig.turn();
+        let now = rig.servos_us();
+        assert!(now.iter().zip(before).all(|(now, before)| *now >= before), "an older command");
+        before = now;
+    }
+    assert!(before.iter().all(|width| *width > 1100), "an output waits: {before:?}");
+    rig.settle();
+    assert_eq!(rig.servos_us(), [1199; OUTPUTS]);
 }
 
 /// What was to be resumed, or was missed, was for the old ID.

@@ -2,7 +2,8 @@
 
 use super::*;
 
-const HOLD_MS: u16 = Trust::HOLD_MS;
+/// That of a board for 1 Mbit/s.
+const HOLD_MS: u16 = 4;
 
 const A: u32 = 10;
 const B: u32 = 110;
