@@ -55,6 +55,17 @@ fn the_pin_of_a_relay_follows_its_commands_and_stays() {
 }
 
 #[test]
+fn a_relay_keeps_its_state_and_its_sense_when_another_output_becomes_one() {
+    let mut rig = switching();
+    rig.set_all(&[("OUT1_REVERSED", 1), ("OUT3_REVERSED", 1), ("OUT3_TYPE", 0)]);
+    assert_eq!(command(&mut rig, 5, 1), [false, false], "low while it holds");
+    rig.set("OUT3_TYPE", 2);
+    rig.run_ms(20);
+    assert_eq!(levels(&mut rig), [false, true], "one holds, and the other does not");
+    assert_eq!(command(&mut rig, 5, 0), [true, true]);
+}
+
+#[test]
 fn relays_do_not_disturb_the_pulses_of_a_servo_beside_them() {
     let mut rig = switching();
     rig.send(ARRAY_COMMAND | 10, &[2, 0, 0, 0x38, 0xC0]);
