@@ -285,6 +285,8 @@ const tests = {
     await page.click("#step-bit");
     await until("the second", async () => /^Bit 2 of/.test(await text(page, "#bit")));
     await until("a microsecond later", async () => Math.round(((await clock()) - start) * 1e6) === 1);
+    await page.click("#board-title");
+    assert.ok(await page.locator("#notice").isHidden(), "a heading acts on nothing");
     await page.click("#reset");
     await until("words on what waits", async () => /takes effect when you press Run/.test(await text(page, "#notice")));
     await page.click("#run");

@@ -37,6 +37,8 @@ const LANES: Lane[] = [
 ];
 /** Parts whose controls reach the node only while its time goes on. */
 const ACTING = "#command, #board, #faults, #more-faults, #send, #panel-parameters";
+/** What a press there acts on: an empty place is none. */
+const PRESSED = "button, label, [role=button]";
 const PAUSED = "The time is paused: what you do takes effect when you press Run.";
 const NO_LOADER = new Uint8Array();
 
@@ -309,8 +311,9 @@ export class SimulatedView implements Runner, Toured {
   private listen() {
     for (const kind of ["click", "change", "submit"]) {
       byId("view-simulated").addEventListener(kind, ({ target }) => {
+        const acts = kind !== "click" || (target as Element).closest(PRESSED);
         // What a control has just said, such as an error, stays.
-        if (!this.clock.isRunning && byId("notice").hidden && (target as Element).closest(ACTING)) {
+        if (acts && !this.clock.isRunning && byId("notice").hidden && (target as Element).closest(ACTING)) {
           this.notice(PAUSED, false);
         }
       });

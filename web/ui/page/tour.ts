@@ -17,7 +17,7 @@ const STEPS: [string, string, boolean?][] = [
   ["faults", "Pull the node's bus cable, here or in the picture. A second later, after OUT1_TIMEOUT, the failsafe begins. Red marks here and in the plots say when; OUT1_FS says what the servo does then.", false],
   ["node", "The cable is pulled: nobody hears the node. Plug it in again, and the node says how it is, and what was wrong.", true],
   ["parameters", "Set OUT1_TRIM to 1600 and press Enter: the tool on the bus asks the node, and the middle of the travel moves; a slider in its middle shows it. The value is marked until you press Save: then the node keeps it without power.", false],
-  ["serial", "The node tells here what it does. Send ? for its counters. Then run a program of your own, with \"Own ELF or HEX\": Documents says how."],
+  ["serial", "The node tells here what it does. Send ? for its counters: scroll up, and they stay in view. Then run a program of your own, with \"Own ELF or HEX\": Documents says how."],
 ];
 
 export class Tour {
