@@ -475,6 +475,13 @@ const tests = {
         const free = `${JSON.stringify([panel, part])} at step ${step}`;
         assert.ok(panel.y >= 0 && part.y >= panel.y + panel.height, free);
         assert.ok(part.y + part.height <= height, free);
+        if (step === 2) {
+          await page.click("#previous");
+          await until("the bits are on the screen", async () => {
+            const bits = await page.locator("#scope").boundingBox();
+            return bits && bits.y >= panel.y && bits.y + bits.height <= height + 1;
+          });
+        }
         if (step === 4 || step === 5) {
           await until("the cable is pulled by itself, and in again", async () => (await isPressed(page, "#fault-cable")) === (step === 4));
         }

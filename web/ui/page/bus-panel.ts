@@ -43,6 +43,7 @@ export class BusPanel {
       this.fields.offer(detail);
       chosen(detail);
     });
+    byId(`${prefix}bus-place`).addEventListener("click", () => this.detail.reveal());
   }
 
   clear() {

@@ -28,6 +28,8 @@ export class Detail {
   private readonly element: HTMLElement;
   private readonly scope: HTMLCanvasElement;
   private frame: FrameDetail | null = null;
+  /** True from when it opens until `reveal`. */
+  private hasOpened = false;
   /** Index of the bit that is marked; -1 for none. */
   private marked = -1;
 
@@ -44,6 +46,7 @@ export class Detail {
   show(detail: FrameDetail | null) {
     this.frame = detail;
     this.marked = -1;
+    this.hasOpened = detail !== null && (this.hasOpened || this.element.hidden !== false);
     this.element.hidden = detail === null;
     if (detail === null) {
       return;
@@ -55,6 +58,14 @@ export class Detail {
     setText(byId(`${this.prefix}bit`), "");
     this.listFields(detail);
     this.describeSpi(detail);
+  }
+
+  /** Scrolls to the bits if they have just opened: they may be below the screen. */
+  reveal() {
+    if (this.hasOpened) {
+      this.hasOpened = false;
+      this.scope.scrollIntoView({ block: "nearest" });
+    }
   }
 
   /** Marks the next bit. Returns its time in seconds; null after the last, or without a frame. */
