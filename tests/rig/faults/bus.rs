@@ -61,10 +61,7 @@ pub const ALONE: Case = Case {
     noticed: "error-passive (bit 6), controller (bit 8)",
     reaction: "tries its frames until error-passive, then one to three a second",
     run: || {
-        let leave = |rig: &mut Rig, on: bool| {
-            let port = rig.peer_port;
-            rig.bench.bus().connect(port, !on);
-        };
+        let leave = |rig: &mut Rig, on: bool| rig.bench.bus().connect(rig.peer_port, !on);
         during(leave, "CAN H/L: error-passive", CONTROLLER)
     },
     ..CASE
