@@ -44,9 +44,9 @@ export class Detail {
   }
 
   show(detail: FrameDetail | null) {
+    this.hasOpened = detail !== null && (this.hasOpened || this.frame === null);
     this.frame = detail;
     this.marked = -1;
-    this.hasOpened = detail !== null && (this.hasOpened || this.element.hidden !== false);
     this.element.hidden = detail === null;
     if (detail === null) {
       return;
