@@ -168,12 +168,6 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Connects the node to the bus, or disconnects it.
-    pub fn connect_node(&mut self, is_connected: bool) {
-        let port = self.bench.port(0);
-        self.bench.bus().connect(port, is_connected);
-    }
-
     /// See [`Program::powered`]: with the preset of the board's chip, as the four below.
     pub fn powered() -> Rig {
         Program::Preset.powered()
@@ -336,6 +330,12 @@ impl Rig {
         // The other nodes see an error in the frame that the node was sending.
         self.run_ms(1);
         self.forget();
+    }
+
+    /// Connects the node to the bus, or disconnects it.
+    pub fn connect_node(&mut self, is_connected: bool) {
+        let port = self.bench.port(0);
+        self.bench.bus().connect(port, is_connected);
     }
 
     pub fn board(&mut self) -> &mut Board {
