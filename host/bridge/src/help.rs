@@ -120,23 +120,8 @@ const TOPICS: &[Topic] = &[
 mod tests {
     use super::*;
 
-    fn help(words: &str) -> String {
-        let words: Vec<String> = words.split_whitespace().map(str::to_owned).collect();
-        HELP.asked(&words).unwrap().unwrap()
-    }
-
     #[test]
     fn the_help_fits_two_screens_and_each_option_has_one_topic() {
         HELP.assert_is_whole();
-    }
-
-    #[test]
-    fn a_topic_shows_its_options_and_an_unknown_one_the_topics() {
-        assert!(help("--help rights").contains("--signing-key"));
-        assert!(!help("--bus mcast:0 -h rights").contains("--tunnel"));
-        assert_eq!(help("--help=tunnels"), help("--help tunnels"));
-        assert_eq!(HELP.asked(&["--bus".into(), "mcast:0".into()]), None);
-        let error = HELP.asked(&["--help".into(), "right".into()]).unwrap().unwrap_err();
-        assert!(error.contains("bus, channels, rights, tunnels, output or all"), "{error}");
     }
 }
