@@ -88,3 +88,33 @@ fn a_command_that_waits_is_forgotten_with_the_id_of_its_output() {
     rig.outputs.update(&rig.parameters);
     assert!(!rig.outputs.has_entry(), "an entry for ID 1 waits, and output 1 has ID 5 now");
 }
+
+/// The levels that pins were set to.
+#[cfg(feature = "relay")]
+impl Pulses for Vec<(usize, bool)> {
+    fn set(&mut self, _: usize, _: Ticks) {}
+
+    fn set_level(&mut self, output: usize, is_high: bool) {
+        self.push((output, is_high));
+    }
+}
+
+/// Each has its turn once in eight calls.
+#[cfg(feature = "relay")]
+#[test]
+fn only_the_pins_of_relays_get_a_level_and_one_that_is_a_servo_again_becomes_low_once() {
+    use crate::tables::parameters::Parameter;
+    let types = [OutputParameter::Type.of(1), OutputParameter::Type.of(6)];
+    let start = [(Parameter::OutCount, 8), (Parameter::RelayStart, 1 << 1)];
+    let values = [start, types.map(|relay| (relay, 2))].concat();
+    let mut parameters = golden::parameters(&values);
+    let (mut outputs, mut levels) = (Outputs::new(), Vec::new());
+    outputs.start(&parameters);
+    outputs.update(&parameters);
+    (0..16).for_each(|_| outputs.show(&mut levels));
+    assert_eq!(levels.split_off(0), [(1, true), (6, false)].repeat(2), "outputs 2 and 7");
+    assert!(parameters.set(types[0].index(), 0, InMemory));
+    outputs.update(&parameters);
+    (0..16).for_each(|_| outputs.show(&mut levels));
+    assert_eq!(levels, [(1, false), (6, false), (6, false)], "output 2 is a servo again");
+}
