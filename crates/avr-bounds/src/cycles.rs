@@ -351,9 +351,18 @@ impl<'a, 'b> Timing<'a, 'b> {
         at: u32,
         to: u32,
         state: State,
-        clocks: Clocks,
+        mut clocks: Clocks,
     ) -> Result<()> {
         if run.summary.edges.contains(&(at, to)) {
+            // A jump into another function counts as a call of it.
+            let kinds = self.kinds.get(&to).copied().unwrap_or(0);
+            clocks.call_kinds(kinds, &vec![(0, 0)]);
+            if self.analysis.is_called(to) {
+                run.time.calls.insert(to);
+                if run.summary.exit.is_none() {
+                    clocks.through.insert(to, clocks.total);
+                }
+            }
             return run.reach(to, state, clocks);
         }
         // A jump to the beginning of another function, which returns to the caller.

@@ -46,6 +46,8 @@ pub struct Analysis<'a> {
     /// Stores to fixed addresses of the RAM: the address, and the first instruction.
     pub stores: BTreeMap<u16, u32>,
     summaries: HashMap<Entry, Rc<Summary>>,
+    /// The addresses of the functions that are called.
+    called: HashSet<u32>,
     leaders: Rc<HashSet<u32>>,
     active: Vec<u32>,
 }
@@ -103,6 +105,7 @@ impl<'a> Analysis<'a> {
             assumed: Assumed::default(),
             stores: BTreeMap::new(),
             summaries: HashMap::new(),
+            called: HashSet::new(),
             leaders: Rc::new(program.leaders()),
             active: Vec::new(),
         }
@@ -111,6 +114,12 @@ impl<'a> Analysis<'a> {
     /// Forgets what was found without something that is known now.
     pub(crate) fn forget(&mut self) {
         self.summaries.clear();
+        self.called.clear();
+    }
+
+    /// True if a function that is called begins at an address. A jump may lead there, too.
+    pub(crate) fn is_called(&self, address: u32) -> bool {
+        self.called.contains(&address)
     }
 
     /// Analyses a function with all that it calls.
@@ -137,6 +146,9 @@ impl<'a> Analysis<'a> {
         self.active.pop();
         let summary = Rc::new(summary?);
         self.summaries.insert(entry, summary.clone());
+        if entry.kind.is_called() {
+            self.called.insert(entry.address);
+        }
         Ok(summary)
     }
 

@@ -275,6 +275,21 @@ fn a_turn_with_a_call_of_a_function_can_call_it_by_way_of_another() {
     assert_eq!(through, [("b", by_way_of_b), ("c", by_way_of_b)]);
 }
 
+/// Its symbol has no type, as those of libgcc, so the jump stays in the function that jumps.
+#[test]
+fn a_turn_that_jumps_into_a_function_is_one_with_a_call_of_it() {
+    let main = "1: in r24, 0x03\nsbrc r24, 0\nrjmp 2f\nrcall c\nrjmp 1b\n2: rcall b\nrjmp 1b\n\
+        .type b, @function\nb: nop\nrjmp c\nc: nop\nret";
+    let kind = "[[turn]]\nkind = 'of c'\ncalls = ['c']";
+    let turn = timed(main, "nop", kind).turn.unwrap();
+    // IN 1, SBRC 1, RJMP 2, RCALL 3; b: NOP 1, RJMP 2; c: NOP 1, RET 4; RJMP 2.
+    let longest = 1 + 1 + 2 + 3 + (1 + 2) + (1 + 4) + 2;
+    assert_eq!(turn.cycles.0, longest);
+    assert!(turn.through.iter().all(|time| time.cycles.0 == longest), "{:?}", turn.through);
+    let [of_c] = &turn.of_kinds[..] else { panic!("{:?}", turn.of_kinds) };
+    assert_eq!((&of_c.names[..], of_c.cycles.0), (&["of c".to_owned()][..], longest));
+}
+
 /// A stretch that begins at the end of a turn and ends in the next turn.
 #[test]
 fn a_stretch_from_one_turn_to_the_next_counts() {
