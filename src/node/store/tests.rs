@@ -343,6 +343,25 @@ fn a_bit_that_breaks_during_a_save_leaves_the_new_values_or_reports_the_older_on
     assert!(kept > 500 && reported > 100, "{kept} {reported}");
 }
 
+/// In turns that have nothing else to do there are more.
+#[test]
+fn at_each_tick_a_save_does_a_step_and_with_several_outputs_two() {
+    let calls = |step: fn(&mut Store, &mut Parameters, &mut Model)| {
+        let (mut eeprom, mut parameters) = (Model::blank(), set(7));
+        let mut store = loaded(&eeprom).0;
+        store.save();
+        let mut calls = 0u32;
+        while store.is_saving() {
+            step(&mut store, &mut parameters, &mut eeprom);
+            calls += 1;
+        }
+        calls
+    };
+    let steps = calls(|store, parameters, eeprom| store.step_once(parameters, eeprom, InMemory));
+    let ticks = calls(|store, parameters, eeprom| store.step(parameters, eeprom, InMemory));
+    assert_eq!(ticks, steps.div_ceil(if OUTPUTS == 1 { 1 } else { 2 }), "{steps} steps");
+}
+
 /// At 3.4 ms a byte: clients wait for a second, and an EEPROM may take longer.
 #[test]
 fn a_save_writes_what_has_changed_once_before_its_response_and_the_rest_after_it() {
