@@ -19,6 +19,23 @@ const WAITS: [&str; 6] =
 
 const OPERATORS: [&str; 9] = ["+", "-", "*", "/", "%", "&", "|", "^", ">>"];
 
+const INDIRECT: &str = "
+[[indirect]]
+function = \"call\"
+targets = [\"f0\"]
+reason = \"the table has no other\"
+";
+
+/// Two kinds of turns: by functions of the program, and by those of libgcc.
+const KINDS: &str = "
+[[turn]]
+kind = \"own\"
+calls = [\"f0\", \"f2\"]
+[[turn]]
+kind = \"libgcc\"
+calls = [\"__mulhisi3\", \"__muluhisi3\", \"__umulhisi3\", \"__udivmodqi4\", \"__udivmodhi4\"]
+";
+
 /// A program, and the annotations that it needs.
 pub struct Source {
     /// The text.
@@ -90,12 +107,14 @@ pub fn program(random: &mut Random) -> Source {
         writer.line("call();");
     }
     writer.line("} }");
-    let annotations = if has_pointers {
-        "[[indirect]]\nfunction = \"call\"\ntargets = [\"f0\"]\nreason = \"the table has no other\""
-    } else {
-        ""
-    };
-    Source { text: writer.text, annotations: annotations.into() }
+    let mut annotations = String::new();
+    if has_pointers {
+        annotations.push_str(INDIRECT);
+    }
+    if writer.random.percent(50) {
+        annotations.push_str(KINDS);
+    }
+    Source { text: writer.text, annotations }
 }
 
 const HEAD: &str = "

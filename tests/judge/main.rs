@@ -22,7 +22,7 @@ use bench::target_dir;
 use bounds::annotations::Annotations;
 use bounds::chip::Chip;
 use bounds::report::{Report, Scope};
-use rig::observed::{Observer, Pair, WITH_CALL};
+use rig::observed::{OF_KINDS, Observer, Pair, WITH_CALL};
 
 use random::Random;
 
@@ -176,6 +176,7 @@ impl Verdicts {
             Some((first, rest)) if rest.starts_with("blocked") => format!("{first} blocked"),
             Some(("handler", _)) => "handler".into(),
             _ if pair.name.starts_with(WITH_CALL) => WITH_CALL.into(),
+            _ if pair.name.starts_with(OF_KINDS) => "turn of a kind".into(),
             _ => pair.name.clone(),
         };
         let ratio = f64::from(pair.proved) / f64::from(pair.observed.max(1));
