@@ -53,6 +53,7 @@ impl Node {
         self.record.note.set_source(source);
         self.record.note.set_transfer(transfer.transfer_id());
         let line = if transfer.kind.is_request() {
+            self.record.note.set_a(dialect::data_type(transfer.kind, flash));
             let reply = self.act_on_request(transfer, flash);
             if !reply.line.is_refusal() {
                 self.transmission.services.add(transfer, reply.argument, reply.value, now_ms);

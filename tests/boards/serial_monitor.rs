@@ -1,6 +1,7 @@
 //! The serial monitor logs events at 115200 baud, and never delays the node.
 
 use bench::can::Frame;
+use bench::dronecan::{Message, Opcode, ParameterRequest};
 use rig::{MS, Rig, corner};
 
 #[test]
@@ -66,6 +67,20 @@ fn each_command_and_status_is_logged() {
             "{line:?} is missing in\n{}",
             rig.serial
         );
+    }
+}
+
+/// Each after a line with another number.
+#[test]
+fn each_request_is_logged_with_the_number_of_its_service() {
+    let mut rig = Rig::running();
+    let read = Message::ParameterRequest(ParameterRequest::default());
+    let save = Message::ExecuteOpcode(Opcode::SAVE);
+    for (service, request) in [(1, Message::NodeInfoRequest), (11, read), (10, save)] {
+        rig.send_status_from(1);
+        rig.run_ms(50);
+        rig.request(&request);
+        rig.wait_for_line(&format!("rx request {service} from 127"), 100);
     }
 }
 
