@@ -4,8 +4,8 @@
 //! INT1 triggers on the falling edge. Its handler counts the pulse, keeps its time (Timer0 and the
 //! milliseconds), and masks INT1. Timer2, which dims the light in other builds, enables INT1 again
 //! at the end of each slot of 248 us, and drops an edge that came meanwhile. So there is one pulse
-//! in a slot at most: a noisy input takes no more time than a fast shaft, and an input that bounces
-//! for less than a slot has no more pulses than one that does not.
+//! in a slot at most: a noisy input takes no more time than a fast shaft. A slot does not begin
+//! with a pulse, so an input that bounces can have two.
 //!
 //! Both handlers leave interrupts disabled, for 37 and 20 cycles (`make bounds`). So a frame waits
 //! for 61 at most.
