@@ -8,18 +8,18 @@ const INTRODUCTION: &str = "\
 # Reliability
 
 Each fault, what the node does, and how long it takes. `make reliability` measures this with the
-shipped ELF in the simulator, and writes this page. `make test` checks each case against the limits
-in brackets (`bus_faults.rs`, `chip_faults.rs`, `processor_faults.rs` and `input_faults.rs` in
-`tests/boards`; the cases are in `tests/rig/faults`).
+shipped ELF in the simulator, and writes this page. `make test` and for the slowest `make test-long`
+check each case against the limits in brackets (`bus_faults.rs`, `chip_faults.rs`,
+`processor_faults.rs` and `input_faults.rs` in `tests/boards`; the cases are in `tests/rig/faults`).
 
 An autopilot commands the servo 50 times a second, with `OUT1_TIMEOUT` 300 ms and `OUT1_FS` the
 trim. *Logged* is the time from the beginning of the fault to the end of its line on the serial
 monitor. *Back* is the time from the end of the fault until a servo pulse shows a new command
 **and** the node has answered a request. It includes the 20 ms between two commands and the 20 ms of
-the servo's period, so 53 ms is the shortest time that can be measured. The bits are those of the
-vendor-specific status code ([status.md](status.md)); the tests check them, too. In every fault each
-pulse of the servo was complete, began 20 ms after the one before, and had a width that the column
-*servo* allows.
+the servo's period, so 53 ms is what a node takes that notices nothing. The bits are those of the
+vendor-specific status code ([status.md](status.md)); the tests check them, too. In every fault but
+a reset, which ends the pulses, each pulse of the servo was complete, began 20 ms after the one
+before, and had a width that the column *servo* allows.
 
 After a fault the node does not flood the bus: it drops frames that it could not send in time, and a
 status has the current state.
@@ -62,9 +62,9 @@ const SOAK: &str = "
 messages of other nodes, a client that reads, sets and saves parameters, and about four times a
 minute one of 21 kinds of faults (22 with the preset `full`). The node must recover from each within
 a second. Between the faults it must follow and count each command, in pulses that begin 20 ms after
-the one before, send its statuses in time and in order, and lose nothing. `make test` does this for
-a minute (`tests/boards/soak.rs`). In four hours no check failed; the longest recovery took 220 ms,
-from a short circuit of the bus.
+the one before, send its statuses in time and in order, and lose nothing. `make test-long` does this
+for a minute (`tests/boards/soak.rs`). In four hours no check failed; the longest recovery took 220
+ms, from a short circuit of the bus.
 
 ## Mistakes in the program
 
