@@ -123,6 +123,7 @@ class Px4Battery:
 
     def __init__(self):
         self.last = None
+        self.heard = 0
         self.discharged_mah = 0.0
         # Each that came, in their order.
         self.warnings = []
@@ -137,6 +138,7 @@ class Px4Battery:
         if self.last is not None:
             self.discharged_mah += abs(self.current) * (now - self.last) / 3.6
         self.last = now
+        self.heard += 1
         warning = next((name for below, name in self.WARNINGS if self.remaining < below), "none")
         if [warning] != self.warnings[-1:]:
             self.warnings.append(warning)

@@ -128,12 +128,16 @@ def test_px4_reads_the_battery_and_warns(bench):
         set_all(client, {"BATT_TEMP": 1, "BATT_CAPACITY": 40})
         client.spin(0.3)
         before, discharged = battery.remaining, battery.discharged_mah
+        since, heard = battery.last, battery.heard
         assert 0.1 < before < 0.9
         assert battery.celsius == pytest.approx(25, abs=1)
         client.spin_until(lambda: battery.remaining == 0, "empty battery")
         assert battery.warnings == ["none", "low", "critical", "emergency"]
-        # What the node has counted since, and what PX4 has: percents are whole.
-        assert battery.discharged_mah - discharged == pytest.approx(40 * before, abs=1.5)
+        # What the node has counted since, and what PX4 has: percents are whole. PX4 counts by its
+        # own clock, behind which a simulator beside other loads can fall.
+        late_s = battery.last - since - (battery.heard - heard) / 10
+        counted = battery.discharged_mah - discharged - battery.current * late_s / 3.6
+        assert counted == pytest.approx(40 * before, abs=1.5)
         assert battery.remaining_wh == 0
         assert battery.full_wh == pytest.approx(0.04 * 12.6, abs=0.07)
 
