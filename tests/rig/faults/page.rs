@@ -63,7 +63,7 @@ messages of other nodes, a client that reads, sets and saves parameters, and abo
 minute one of 21 kinds of faults (22 with the preset `full`). The node must recover from each within
 a second. Between the faults it must follow and count each command, in pulses that begin 20 ms after
 the one before, send its statuses in time and in order, and lose nothing. `make test-long` does this
-for a minute (`tests/boards/soak.rs`). In four hours no check failed; the longest recovery took 220
+for a minute (`tests/boards/soak.rs`). In four hours no check failed; the longest recovery took 200
 ms, from a short circuit of the bus.
 
 ## Mistakes in the program
