@@ -355,8 +355,9 @@ impl<'a, 'b> Timing<'a, 'b> {
     ) -> Result<()> {
         if run.summary.edges.contains(&(at, to)) {
             // A jump into another function counts as a call of it.
-            let kinds = self.kinds.get(&to).copied().unwrap_or(0);
-            clocks.call_kinds(kinds, &vec![(0, 0)]);
+            if let Some(kinds) = self.kinds.get(&to) {
+                clocks.call_kinds(*kinds, &vec![(0, 0)]);
+            }
             if self.analysis.is_called(to) {
                 run.time.calls.insert(to);
                 if run.summary.exit.is_none() {

@@ -3,7 +3,7 @@
 use crate::support::{SET_SP, assembled, build, compiled, read, refusal};
 use avr_bounds::annotations::Annotations;
 use avr_bounds::stack::Analysis;
-use avr_bounds::times::{Times, times};
+use avr_bounds::times::{Times, TurnTime, times};
 
 /// Enables INT0 and interrupts.
 const ENABLE: &str = "
@@ -34,6 +34,11 @@ fn handler(times: &Times) -> u32 {
 fn stretches(times: &Times, blocks: &str) -> Vec<u32> {
     let of = times.stretches.iter().filter(|stretch| stretch.blocks == blocks);
     of.map(|stretch| stretch.cycles.0).collect()
+}
+
+/// The turns with a call of each function, the longest first.
+fn through(turn: &TurnTime) -> Vec<(&str, u32)> {
+    turn.through.iter().map(|time| (time.function.as_str(), time.cycles.0)).collect()
 }
 
 #[test]
@@ -268,11 +273,9 @@ fn a_turn_with_a_call_of_a_function_can_call_it_by_way_of_another() {
     let main = "1: in r24, 0x03\nsbrc r24, 0\nrjmp 2f\nrcall b\nrjmp 1b\n2: rcall c\nrjmp 1b\n\
         .type b, @function\nb: nop\nrcall c\nret\n.type c, @function\nc: nop\nret";
     let turn = timed(main, "nop", "").turn.unwrap();
-    let through: Vec<(&str, u32)> =
-        turn.through.iter().map(|time| (time.function.as_str(), time.cycles.0)).collect();
     // IN 1, SBRC with the skip 2, RCALL 3, RJMP 2; b: NOP 1, RCALL 3, RET 4; c: NOP 1, RET 4.
     let by_way_of_b = 1 + 2 + 3 + (1 + 3 + 5 + 4) + 2;
-    assert_eq!(through, [("b", by_way_of_b), ("c", by_way_of_b)]);
+    assert_eq!(through(&turn), [("b", by_way_of_b), ("c", by_way_of_b)]);
 }
 
 /// Its symbol has no type, as those of libgcc, so the jump stays in the function that jumps.
@@ -285,7 +288,7 @@ fn a_turn_that_jumps_into_a_function_is_one_with_a_call_of_it() {
     // IN 1, SBRC 1, RJMP 2, RCALL 3; b: NOP 1, RJMP 2; c: NOP 1, RET 4; RJMP 2.
     let longest = 1 + 1 + 2 + 3 + (1 + 2) + (1 + 4) + 2;
     assert_eq!(turn.cycles.0, longest);
-    assert!(turn.through.iter().all(|time| time.cycles.0 == longest), "{:?}", turn.through);
+    assert_eq!(through(&turn), [("b", longest), ("c", longest)]);
     let [of_c] = &turn.of_kinds[..] else { panic!("{:?}", turn.of_kinds) };
     assert_eq!((&of_c.names[..], of_c.cycles.0), (&["of c".to_owned()][..], longest));
 }
