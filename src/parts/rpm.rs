@@ -16,8 +16,8 @@ use crate::tables::parameters::{Parameter, Parameters};
 const WINDOW_MS: u16 = 50;
 
 /// Pulses that end a window, too, after 28 ms or more. A tick of the time and the delay of an
-/// interrupt, together below 40 us, are less than 0.2 % of it. [`quotient`] takes 143 of
-/// them: 32 more, which come in 8 ms, and the main loop asks for them in half of that.
+/// interrupt, together below 40 us, are less than 0.2 % of it. [`quotient`] takes 143 of them: 32
+/// more, which come in 8 ms, and the main loop asks for them in half of that.
 const WINDOW_PULSES: u8 = 112;
 
 /// Time without a pulse until the speed is 0.

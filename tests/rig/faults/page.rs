@@ -8,15 +8,15 @@ const INTRODUCTION: &str = "\
 # Reliability
 
 Each fault, what the node does, and how long it takes. `make reliability` measures this with the
-shipped ELF in the simulator, and writes this page. `make test` and for the slowest `make test-long`
-check each case against the limits in brackets (`bus_faults.rs`, `chip_faults.rs`,
+shipped ELF in the simulator, and writes this page. `make test` (`make test-long` for the slowest)
+checks each case against the limits in brackets (`bus_faults.rs`, `chip_faults.rs`,
 `processor_faults.rs` and `input_faults.rs` in `tests/boards`; the cases are in `tests/rig/faults`).
 
 An autopilot commands the servo 50 times a second, with `OUT1_TIMEOUT` 300 ms and `OUT1_FS` the
 trim. *Logged* is the time from the beginning of the fault to the end of its line on the serial
 monitor. *Back* is the time from the end of the fault until a servo pulse shows a new command
 **and** the node has answered a request. It includes the 20 ms between two commands and the 20 ms of
-the servo's period, so 53 ms is what a node takes that notices nothing. The bits are those of the
+the servo's period, so a node that notices nothing of a fault takes 53 ms. The bits are those of the
 vendor-specific status code ([status.md](status.md)); the tests check them, too. In every fault but
 a reset, which ends the pulses, each pulse of the servo was complete, began 20 ms after the one
 before, and had a width that the column *servo* allows.
