@@ -28,11 +28,13 @@ pub struct Autopilot {
     online_s: u8,
     /// Seconds that its last valid command counts as recent.
     recent_s: u8,
+    /// The commander before, if its turn ended in this second; or 0.
+    other: u8,
 }
 
 impl Autopilot {
     /// No autopilot.
-    pub const NONE: Self = Self { id: None, commander: 0, online_s: 0, recent_s: 0 };
+    pub const NONE: Self = Self { id: None, commander: 0, online_s: 0, recent_s: 0, other: 0 };
 
     /// True if there is an autopilot.
     pub fn is_present(&self) -> bool {
@@ -42,18 +44,21 @@ impl Autopilot {
     /// Takes note of a valid command from `source`. Returns true if the command before it was
     /// recent, and another node's.
     pub fn commanded_by(&mut self, source: NodeId) -> bool {
-        let is_second = self.recent_s != 0 && self.commander != source.get();
-        *self = Self {
-            id: Some(source),
-            commander: source.get(),
-            online_s: OFFLINE_S,
-            recent_s: RECENT_S,
-        };
+        let is_another = self.commander != source.get();
+        let is_second = self.recent_s != 0 && is_another;
+        if is_another {
+            self.other = self.commander;
+        }
+        self.id = Some(source);
+        self.commander = source.get();
+        self.online_s = OFFLINE_S;
+        self.recent_s = RECENT_S;
         is_second
     }
 
     /// Takes note of a NodeStatus or ArmingStatus from `source`. Returns true if it is the
-    /// autopilot's.
+    /// autopilot's, or that of a commander whose turn ended in this second: it need not come while
+    /// its sender is the last.
     pub fn is_status_of(&mut self, source: NodeId) -> bool {
         let is_better = match self.id {
             None => true,
@@ -63,7 +68,7 @@ impl Autopilot {
             self.id = Some(source);
             self.online_s = OFFLINE_S;
         }
-        is_better
+        is_better || self.other == source.get()
     }
 
     /// The node that sent the last valid command, or 0.
@@ -77,6 +82,7 @@ impl Autopilot {
         if self.recent_s != 0 {
             self.recent_s -= 1;
         }
+        self.other = 0;
         if self.online_s != 0 {
             self.online_s -= 1;
         }

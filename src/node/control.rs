@@ -76,6 +76,7 @@ impl Control {
             && let Some(source) = NodeId::new(transfer.source)
         {
             self.commanded_by(source, false, &mut context.record.health);
+            self.outputs.arming.expect(source);
         }
         line
     }
@@ -132,11 +133,17 @@ impl Control {
         if status.len() != 1 {
             return Line::RefusedLength;
         }
-        if !self.is_of_autopilot(status) && !self.outputs.has_commander(status.source) {
+        // A commander is heard whoever commanded last.
+        if !self.is_of_autopilot(status)
+            && !self.outputs.arming.expects(status.source)
+            && !self.outputs.has_commander(status.source)
+        {
             return Line::RefusedSource;
         }
         let (source, &[status, ..]) = (status.source, status.bytes());
-        self.outputs.act_on_arming_status(source, status);
+        if !self.outputs.act_on_arming_status(source, status) {
+            return Line::RefusedSource;
+        }
         context.record.note.set_code(status);
         Line::Arming
     }

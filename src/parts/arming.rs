@@ -1,5 +1,7 @@
 //! If the vehicle is armed, by the ArmingStatus of the autopilot.
 
+use dronecan_wire::NodeId;
+
 use crate::tables::parameters::{Parameter, Parameters};
 
 /// The vehicle counts as disarmed after this time without an ArmingStatus, or up to a second
@@ -28,9 +30,18 @@ impl Arming {
         Self { armed_s: 0 }
     }
 
-    /// Acts on the status of an ArmingStatus.
-    pub fn act_on_status(&mut self, _id: u8, status: u8) {
+    /// Acts on the status of an ArmingStatus. True: it is kept.
+    pub fn act_on_status(&mut self, _id: u8, status: u8) -> bool {
         self.armed_s = if status == FULLY_ARMED { SECONDS } else { -SECONDS };
+        true
+    }
+
+    /// Nothing: the last commanders' status counts.
+    pub fn expect(&mut self, _source: NodeId) {}
+
+    /// False: the same.
+    pub fn expects(&self, _id: u8) -> bool {
+        false
     }
 
     /// True if the last ArmingStatus said that the vehicle is armed.

@@ -1,6 +1,8 @@
 //! If the vehicle is armed, by the ArmingStatus of each node that commands an output. The statuses
 //! of one node neither arm nor disarm the outputs of another.
 
+use dronecan_wire::NodeId;
+
 use crate::tables::parameters::{Parameter, Parameters};
 
 /// What a status says counts for this time, or up to a second longer, in seconds. ArduPilot sends
@@ -19,7 +21,7 @@ const FULLY_ARMED: u8 = 255;
 /// True: the sender of a command decides if it is followed.
 pub const IS_BY_SOURCE: bool = true;
 
-/// A node whose status said that the vehicle is armed.
+/// A node whose status said that the vehicle is armed, or is to say so: its command was refused.
 #[derive(Clone, Copy)]
 struct Source {
     id: u8,
@@ -30,6 +32,8 @@ struct Source {
 /// The arming of the vehicle, or of the vehicles of several commanders.
 pub struct Arming {
     sources: [Source; SOURCES],
+    /// The place that was given last to a node whose command was refused.
+    expected: u8,
     /// Beginnings of a second until a status that said disarmed no longer counts.
     disarmed_s: u8,
 }
@@ -37,11 +41,36 @@ pub struct Arming {
 impl Arming {
     /// Nobody has said anything.
     pub const fn new() -> Self {
-        Self { sources: [Source { id: 0, armed_s: 0 }; SOURCES], disarmed_s: 0 }
+        Self { sources: [Source { id: 0, armed_s: 0 }; SOURCES], expected: 0, disarmed_s: 0 }
     }
 
-    /// Acts on the status of an ArmingStatus from this node.
-    pub fn act_on_status(&mut self, id: u8, status: u8) {
+    /// A command of this node was refused because it has not armed: its ArmingStatus counts from
+    /// now on, whoever else commands. Of nodes that have not armed, the newest four have a place.
+    #[inline(never)]
+    pub fn expect(&mut self, source: NodeId) {
+        let id = source.get();
+        if self.expects(id) {
+            return;
+        }
+        for _ in 0..SOURCES {
+            self.expected = (self.expected + 1) % SOURCES as u8;
+            let place = &mut self.sources[usize::from(self.expected)];
+            if place.armed_s == 0 {
+                place.id = id;
+                return;
+            }
+        }
+    }
+
+    /// True if this node has a place.
+    #[inline(never)]
+    pub fn expects(&self, id: u8) -> bool {
+        id != 0 && self.sources.iter().any(|source| source.id == id)
+    }
+
+    /// Acts on the status of an ArmingStatus from this node. False: it is not kept, because four
+    /// other nodes are armed.
+    pub fn act_on_status(&mut self, id: u8, status: u8) -> bool {
         let is_armed = status == FULLY_ARMED;
         if !is_armed {
             self.disarmed_s = SECONDS;
@@ -59,8 +88,9 @@ impl Arming {
                 place = Some(source);
             }
         }
-        let Some(source) = place else { return };
+        let Some(source) = place else { return !is_armed };
         *source = Source { id, armed_s: if is_armed { SECONDS } else { 0 } };
+        true
     }
 
     /// True if the last status of a node said that the vehicle is armed.

@@ -147,6 +147,24 @@ fn another_commander_s_statuses_do_not_stop_the_motors_of_the_autopilot() {
     hub.assert_motors_run();
 }
 
+/// Each of them is the last commander when the autopilot arms.
+#[test]
+fn nodes_that_command_other_outputs_do_not_keep_the_autopilot_from_arming_its_motors() {
+    for others in 1..=3 {
+        let mut hub = Hub::with_motors(4);
+        let others = |hub: &mut Hub| {
+            for other in 0..others {
+                hub.position(11 + other, 5 + other as u8, 1300.0);
+            }
+        };
+        others(&mut hub);
+        hub.fly(1000, others);
+        hub.rig.take_pulses();
+        hub.fly(6000, others);
+        hub.assert_motors_run();
+    }
+}
+
 /// Its commands are refused because its own vehicle is disarmed, as those of an autopilot on a
 /// bench.
 #[test]

@@ -2,7 +2,7 @@
 
 use bench::can::Frame;
 use rig::status::{DISARMED, OK, TWO_COMMANDERS, WARNING};
-use rig::{ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, PWM, Rig, array_command};
+use rig::{ARMING_STATUS, ARRAY_COMMAND, MS, NODE_STATUS, PWM, Program, Rig, array_command};
 
 /// A command in one frame from node `source`.
 fn command_from(rig: &mut Rig, source: u32, actuator: u8, value: f32) {
@@ -80,6 +80,30 @@ fn only_the_commander_arms_and_disarms() {
         rig.send(ARMING_STATUS | source, &[armed, 0xC0]);
         assert_eq!(is_disarmed(&mut rig), is_disarmed_then, "{armed} of {source}");
         rig.forget();
+    }
+}
+
+/// Whatever the moment at which a node says so.
+#[test]
+fn a_commander_that_arms_is_heard_although_another_always_commands_after_it() {
+    for program in [Program::Preset, Program::With("full")] {
+        let mut rig = program.running();
+        rig.set("ARM_REQ", 1);
+        for slot in 0..400 {
+            for (source, value) in [(10, 0.5), (11, -0.5)] {
+                command_from(&mut rig, source, 1, value);
+                rig.run_ms(1);
+            }
+            if slot % 25 == 0 {
+                rig.send(ARMING_STATUS | 10, &[255, 0xC0]);
+            }
+            rig.run_ms(18);
+            if slot == 50 {
+                rig.pulses.clear();
+            }
+        }
+        assert!(!is_disarmed(&mut rig), "{}", rig.serial);
+        assert!(rig.pulses.len() > 300, "{} pulses", rig.pulses.len());
     }
 }
 

@@ -200,16 +200,17 @@ impl Outputs {
         outputs
     }
 
-    /// Acts on the status of an ArmingStatus.
+    /// Acts on the status of an ArmingStatus. False: it is not kept, because four others are armed.
     #[inline(always)]
-    pub fn act_on_arming_status(&mut self, source: u8, status: u8) {
-        self.arming.act_on_status(source, status);
+    pub fn act_on_arming_status(&mut self, source: u8, status: u8) -> bool {
+        let is_kept = self.arming.act_on_status(source, status);
         if arming::IS_BY_SOURCE && self.doubts.outputs() != 0 {
             let doubted = self.doubts.end(self.commanded_by(source));
             if self.arming.is_armed_by(source) {
                 self.failing |= doubted;
             }
         }
+        is_kept
     }
 
     /// Acts on a SafetyState. While it says safe, silence is expected, and the outputs do what
