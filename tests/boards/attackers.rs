@@ -364,7 +364,7 @@ fn motors_follow_raw_commands_whose_length_changes_each_time() {
     for round in 0..60 {
         let mut expected = [0.0; 4];
         for _ in 0..1 + random.below(4) {
-            let (len, throttle) = (1 + random.below(20) as usize, random.below(8000) as i16);
+            let (len, throttle) = (random.below(21) as usize, random.below(8000) as i16);
             hub.rig.send_raw_command(AUTOPILOT, &vec![throttle; len]);
             for (motor, us) in expected.iter_mut().enumerate() {
                 let throttle = if motor < len { throttle } else { 0 };

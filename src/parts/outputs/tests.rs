@@ -7,7 +7,7 @@ use crate::golden;
 use crate::image::InMemory;
 use crate::monitor::Event;
 use crate::tables::parameters::OutputParameter;
-use crate::tables::wire::Receiver;
+use crate::tables::wire::{Receiver, Transfer};
 use dronecan_wire::Verdict;
 
 /// The outputs and the parameters.
@@ -26,14 +26,8 @@ impl Rig {
         outputs.update(&parameters);
         let mut rig = Self { outputs, parameters, now_ms: 65_000 };
         assert_eq!(rig.run(20_000), None, "before the first command");
-        let frame = golden::frame(0x1003_F20A, &[1, 4, 0x08, 0x67, 0xC0]);
-        let mut receiver = Receiver::new();
-        let slot_of = |id| rig.outputs.slot_of(id);
-        let command = segment(&frame, 120).unwrap();
-        let Verdict::Message(command) = receiver.accept_entries(command, slot_of, 0) else {
-            panic!("no command")
-        };
-        rig.outputs.act_on_array_command(command, &rig.parameters);
+        let command = rig.received(0x1003_F20A, &[1, 4, 0x08, 0x67, 0xC0]);
+        rig.outputs.act_on_array_command(&command, &rig.parameters);
         assert!(rig.outputs.has_entry());
         rig
     }
@@ -41,11 +35,27 @@ impl Rig {
     /// The same outputs, which followed the command just before the clock wraps.
     fn commanded(timeout_ms: i32) -> Self {
         let mut rig = Self::waiting(timeout_ms);
+        assert_eq!(rig.follow()[0], 3600, "1800 us");
+        rig
+    }
+
+    /// The transfer of a frame.
+    fn received(&self, id: u32, data: &[u8]) -> Transfer {
+        let frame = golden::frame(id, data);
+        let mut receiver = Receiver::new();
+        let slot_of = |id| self.outputs.slot_of(id);
+        match receiver.accept_entries(segment(&frame, 120).unwrap(), slot_of, 0) {
+            Verdict::Message(command) => *command,
+            _ => panic!("no command"),
+        }
+    }
+
+    /// Follows the entry that waits. Returns what the outputs got.
+    fn follow(&mut self) -> [Ticks; OUTPUTS] {
         let mut servos = Servos([0; OUTPUTS], [false; OUTPUTS]);
         let mut event = Event::new(Line::Running);
-        rig.outputs.follow_next(&mut event, rig.now_ms, &rig.parameters, &mut servos);
-        assert_eq!(servos.0[0], 3600, "1800 us");
-        rig
+        self.outputs.follow_next(&mut event, self.now_ms, &self.parameters, &mut servos);
+        servos.0
     }
 
     /// Runs for `ms` milliseconds. Returns how many had passed when the failsafe began.
@@ -117,4 +127,37 @@ fn only_the_pins_of_relays_get_a_level_and_one_that_is_a_servo_again_becomes_low
     outputs.update(&parameters);
     (0..16).for_each(|_| outputs.show(&mut levels));
     assert_eq!(levels, [(1, false), (6, false), (6, false)], "output 2 is a servo again");
+}
+
+/// An esc.RawCommand for it waits, or the last one left it out.
+#[cfg(feature = "outputs")]
+#[test]
+fn a_servo_that_was_a_motor_follows_its_own_command_and_keeps_it() {
+    use crate::tables::parameters::Parameter;
+    for command in [&[0xFF, 0x7C, 0xFF, 0x7C, 0xC0][..], &[0xFF, 0x7C, 0xC0]] {
+        let mut rig = Rig::commanded(0);
+        let mut set = |index, value| assert!(rig.parameters.set(index, value, InMemory));
+        set(Parameter::OutCount.index(), 2);
+        set(OutputParameter::Type.index(0), 1);
+        set(OutputParameter::Id.index(0), 0);
+        set(OutputParameter::Type.index(1), 1);
+        set(OutputParameter::Id.index(1), 1);
+        rig.outputs.start(&rig.parameters);
+        rig.outputs.update(&rig.parameters);
+        rig.outputs.act_on_arming_status(10, 255);
+        let command = rig.received(0x0704_060A, command);
+        rig.outputs.act_on_raw_command(&command, &rig.parameters);
+        let mut set = |index, value| assert!(rig.parameters.set(index, value, InMemory));
+        set(OutputParameter::Type.index(1), 0);
+        set(OutputParameter::Id.index(1), 8);
+        set(OutputParameter::Fs.index(1), 1);
+        rig.outputs.update(&rig.parameters);
+        let command = rig.received(0x1003_F20A, &[8, 4, 0x08, 0x67, 0xC1]);
+        rig.outputs.act_on_array_command(&command, &rig.parameters);
+        while rig.outputs.has_entry() {
+            rig.follow();
+        }
+        rig.run(20);
+        assert_eq!(rig.outputs.pulse(1), 3600, "1800 us");
+    }
 }

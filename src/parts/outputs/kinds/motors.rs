@@ -102,8 +102,10 @@ impl Motors {
         }
     }
 
-    /// Takes note of an esc.RawCommand of this node, which has commands for the motors `found`.
+    /// Takes note of an esc.RawCommand of this node, which has commands for the motors `found`. The
+    /// commands that are kept for others are unpacked.
     pub fn leave_out(&mut self, source: u8, found: u8) {
+        self.kept &= found;
         self.left_out = self.motors & !found;
         self.left_out_by = source;
     }
@@ -148,6 +150,9 @@ impl Kind for Motors {
         self.motors = if is_of_kind { self.motors | bit } else { self.motors & !bit };
         // A command for the old type or ID gives no pulse.
         self.idle &= !bit;
+        // An output that is a motor no more neither follows nor misses the last esc.RawCommand.
+        self.kept &= self.motors;
+        self.left_out &= self.motors;
         (self.len, self.commanded) = (0, 0);
     }
 
