@@ -226,6 +226,21 @@ fn a_missing_command_is_no_error_while_the_autopilot_says_that_it_is_disarmed() 
 }
 
 #[test]
+fn an_output_whose_id_changes_follows_nothing_that_a_list_has_for_the_old_one() {
+    let mut rig = Rig::new();
+    let entries = [1, 4, 0x08, 0x67].repeat(3);
+    let frames = golden::transfer(0x1003_F20A, golden::ARRAY_COMMAND, 3, &entries);
+    let (last, first) = frames.split_last().expect("several frames");
+    rig.frames(first);
+    let id = OutputParameter::Id.index(0);
+    assert!(rig.program.node.parameters.set(id, 60, InMemory));
+    rig.program.node.apply_parameters();
+    rig.run(10);
+    rig.frame(last);
+    assert_eq!((rig.program.node.pulse(0), rig.program.node.health().counts.followed), (0, 0));
+}
+
+#[test]
 fn each_rate_is_kept_and_even() {
     for rate in 0..=50u32 {
         let rates = rates(rate as i32, rate as i32, rate.min(10) as i32);

@@ -75,6 +75,27 @@ fn ids_that_differ_by_16_are_told_apart() {
     assert_eq!(rig.program.node.health().counts.followed, 1, "a command of several entries");
 }
 
+/// While the parameters are applied, an output each turn, a list may come.
+#[test]
+fn of_outputs_that_share_an_id_those_that_keep_it_have_an_entry_of_their_own_at_once() {
+    let mut rig = hub();
+    for output in [2, 3, 5] {
+        rig.set_output(output, OutputParameter::Id, 40);
+    }
+    let node = &mut rig.program.node;
+    assert!(node.parameters.set(OutputParameter::Id.index(2), 41, InMemory));
+    let outputs = &mut node.control.outputs;
+    outputs.begin_update();
+    let moved = [0, 1, 2].map(|_| outputs.update_next(&node.parameters).moved);
+    assert_eq!(moved, [0, 0, 1 << 2 | 1 << 3 | 1 << 5]);
+    let slots = [40, 41].map(|id| outputs.slot_of(id).expect("an output has it"));
+    assert_eq!(slots.map(|slot| slot.bits), [1 << 3 | 1 << 5, 1 << 2]);
+    assert_ne!(slots[0].at, slots[1].at);
+    rig.settle();
+    rig.widths(&[(41, 1100), (40, 1200)]);
+    assert_eq!([2, 3, 5].map(|output| rig.servos_us()[output]), [1100, 1200, 1200]);
+}
+
 /// The lines of the serial monitor about superseded commands.
 fn superseded_lines(rig: &Rig) -> Vec<String> {
     let log = String::from_utf8(rig.log.clone()).unwrap();

@@ -45,9 +45,11 @@ impl Outputs {
         for output in by_pointer(&mut self.each) {
             if left & 1 != 0 {
                 let at = if OUTPUTS == 1 { 0 } else { output.slot.at };
-                let [_, number, low, high] = entries[usize::from(at / Slot::LEN) % entries.len()];
-                // An entry that cannot be followed must not replace one that can.
+                let [id, number, low, high] = entries[usize::from(at / Slot::LEN) % entries.len()];
+                // An entry that cannot be followed must not replace one that can. The ID may have
+                // changed since it came. (Several outputs forget it then.)
                 match CommandType::checked(number, high) {
+                    Ok(_) if OUTPUTS == 1 && id != output.id => {}
                     Ok(unit) => {
                         output.entry = Command::of(command, unit, [low, high]);
                         kept |= bit;

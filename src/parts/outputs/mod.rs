@@ -200,24 +200,42 @@ impl Outputs {
         if OUTPUTS == 1 {
             return 0;
         }
+        let mut moved = 0;
         if is_another {
             self.expect_no_command(bit(n));
+            moved = bit(n) | self.leave_slot(n);
         }
         let Slot { at, .. } = self.each[place(n)].slot;
-        self.update_slot(n, self.kinds.is_actuator(bit(n)), is_another);
-        if is_another || at != self.each[place(n)].slot.at { bit(n) } else { 0 }
+        self.update_slot(n, self.kinds.is_actuator(bit(n)));
+        if at != self.each[place(n)].slot.at { moved | bit(n) } else { moved }
+    }
+
+    /// Takes its slot from an output. Those that shared it go to the slot of the first of them, or
+    /// they would follow the entries for the new ID. Returns them, a bit each.
+    fn leave_slot(&mut self, n: usize) -> u8 {
+        let left = core::mem::replace(&mut self.each[place(n)].slot, NO_SLOT);
+        let others = left.bits & !bit(n);
+        let mut heir = NO_SLOT;
+        let mut m = 0;
+        for output in &mut self.each {
+            let own = Slot::new(m);
+            output.slot.bits &= !bit(n);
+            if others & own.bits != 0 {
+                if heir == NO_SLOT {
+                    heir = Slot { at: own.at, bits: others };
+                    output.slot = heir;
+                }
+                output.slot.at = heir.at;
+            }
+            m += 1;
+        }
+        others
     }
 
     /// Finds the slot of an output, which `has_slot` if it follows ArrayCommands. The first of the
     /// outputs with the same ID has the slot, with the bits of all of them.
-    fn update_slot(&mut self, n: usize, has_slot: bool, is_another: bool) {
+    fn update_slot(&mut self, n: usize, has_slot: bool) {
         let own = Slot::new(n as u8);
-        if is_another {
-            for output in &mut self.each {
-                output.slot.bits &= !own.bits;
-            }
-            self.each[place(n)].slot = NO_SLOT;
-        }
         if !has_slot {
             return;
         }
