@@ -16,7 +16,7 @@ impl Node {
         let calls_off = self.update.is_accepted() && self.control.outputs.are_in_use();
         if calls_off {
             self.update.call_off();
-            self.transmission.services.call_off_restart();
+            self.transmission.services.call_off_update();
             monitor.log_line(Line::UpdateCalledOff);
         }
         calls_off

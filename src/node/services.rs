@@ -78,8 +78,10 @@ pub struct Services {
     waiting: [Pending; WAITING],
     first: u8,
     count: u8,
-    /// True once a request to restart was accepted.
+    /// True once a request to restart was accepted, or one for an update.
     is_to_restart: bool,
+    /// True once a request to restart was accepted: only an update is called off.
+    is_asked_to_restart: bool,
     /// When that was, or the end of the save during which it was, in milliseconds. Valid if
     /// `is_to_restart`.
     accepted_ms: u16,
@@ -93,6 +95,7 @@ impl Services {
             first: 0,
             count: 0,
             is_to_restart: false,
+            is_asked_to_restart: false,
             accepted_ms: 0,
         }
     }
@@ -124,7 +127,10 @@ impl Services {
         pending.value = value;
         self.count += 1;
         let restarts = match request.kind {
-            Kind::RestartNode => argument != 0,
+            Kind::RestartNode => {
+                self.is_asked_to_restart |= argument != 0;
+                argument != 0
+            }
             kind => is(kind, Kind::BeginFirmwareUpdate) && Verdict::is_accepted(argument),
         };
         if restarts && !self.is_to_restart {
@@ -154,9 +160,9 @@ impl Services {
         update::IS_THERE && self.is_to_restart
     }
 
-    /// The program does not restart after all.
-    pub fn call_off_restart(&mut self) {
-        self.is_to_restart = false;
+    /// The program does not restart for an update after all.
+    pub fn call_off_update(&mut self) {
+        self.is_to_restart = self.is_asked_to_restart;
     }
 
     /// True if it is time to restart the program. `is_empty`: the controller has no frame to send.

@@ -268,6 +268,21 @@ fn an_update_that_is_called_off_during_a_save_is_rejected_in_the_reply() {
     }
 }
 
+#[cfg(feature = "update")]
+#[test]
+fn a_restart_that_was_answered_comes_although_an_update_is_called_off() {
+    let mut rig = Rig::new();
+    rig.program.node.update.start(true);
+    rig.run(1100);
+    for request in ["1E05F8FF 1E 1B 55 CE AC C3", "1E28F8FF 00 66 77 2E 62 69 6E C9"] {
+        rig.text(request);
+        rig.run(5);
+    }
+    rig.text("18044C0A FF C0");
+    rig.run(110);
+    assert!(rig.is_to_restart && !rig.program.node.update.is_accepted());
+}
+
 /// uavcan/protocol/1.GetNodeInfo.uavcan: status, version, hardware with the unique ID, name.
 #[cfg(feature = "standard")]
 #[test]
