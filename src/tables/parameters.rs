@@ -17,6 +17,9 @@ mod values;
 /// The default of TEMP_SLOPE, that of an LM35; without the feature `sensors` its value.
 pub const TEMP_SLOPE: u16 = 100;
 
+/// The lowest CAN_NODE.
+const LOWEST_ID: i32 = if cfg!(feature = "allocation") { 0 } else { 1 };
+
 /// Name, minimum, maximum and default of a parameter.
 type Row = (&'static str, i32, i32, i32);
 
@@ -60,8 +63,9 @@ macro_rules! output_parameters {
 
 parameters! {
     if all() {
-        /// The node ID; 0 requests one from an allocator.
-        CanNode "CAN_NODE" 0..125 = 120,
+        /// The node ID; with the feature `allocation` 0 requests one from an allocator. Without it
+        /// a node with ID 0 would never be heard again.
+        CanNode "CAN_NODE" (LOWEST_ID)..125 = 120,
         /// Bit rate: see [`bit_rate`](crate::tables::bit_rate). On the bus it is in bit/s. The
         /// default is the highest rate of the CAN board.
         CanBaudrate "CAN_BAUDRATE" (LOWEST)..HIGHEST_RATE = (HIGHEST_RATE),
