@@ -42,7 +42,7 @@ pass, the node follows at least 95 of 100, unless the fault cuts it off.
 | what | started by | deaf for | how often others can start it |
 | --- | --- | --- | --- |
 | start of the controller | a start of the program, a change of its registers | 5 to 6 ms | never |
-| new filters | a node ID, the first motor, the end of a failsafe in which nothing was received | 5 ms | once in each failsafe |
+| new filters | a node ID, the first motor, the beginning of a failsafe, if no ArrayCommand came since the last one that was followed | 5 ms | once in each failsafe |
 | controller without an answer, bus held dominant | wires, power, a short circuit | until it is over, and 0.1 s | never |
 | listening before the rate is proven | an error in the first 1.2 s after a start or a pulled cable | in noise 0.5 s, at 5 frames a second 1.2 s; else 0.1 to 0.2 s after the last error | until the rate is proven |
 | listening after it is proven | error-passive, and no frame received for 1.5 s | the same | only who lets no frame pass for 1.5 s |
