@@ -24,10 +24,7 @@ impl Outputs {
         let len = command.payload().len() as u8;
         let found = self.kinds.motors.commanded(len, self.each.iter().map(|output| output.id));
         if found == 0 {
-            // It stops the motors of its sender. No other has any here.
-            if self.has_commander(command.source) {
-                self.leave_out(command.source, found);
-            }
+            self.leave_out_all(command.source);
             return Line::NONE;
         }
         let line = self.blocked(found, command.source, parameters);
@@ -38,20 +35,25 @@ impl Outputs {
             }
             return line;
         }
-        self.leave_out(command.source, found);
+        let left_out = self.kinds.motors.kept() & !found;
+        if left_out != 0 {
+            self.unpack(left_out);
+        }
+        self.kinds.motors.leave_out(command.source, found);
         self.kinds.motors.keep(command, found);
         self.keep(found);
         Line::NONE
     }
 
-    /// Takes note of an esc.RawCommand of this node, which has commands for the motors `found`, a
-    /// bit each.
-    fn leave_out(&mut self, source: u8, found: u8) {
-        let left_out = self.kinds.motors.kept() & !found;
-        if left_out != 0 {
-            self.unpack(left_out);
+    /// An esc.RawCommand of this node has a command for no motor: it stops those of its sender. A
+    /// function of its own, because the other commands must not take longer for it.
+    #[inline(never)]
+    fn leave_out_all(&mut self, source: u8) {
+        // No other node has any here.
+        if self.has_commander(source) {
+            self.unpack(self.kinds.motors.kept());
+            self.kinds.motors.leave_out(source, 0);
         }
-        self.kinds.motors.leave_out(source, found);
     }
 
     /// Unpacks the commands that are kept for these motors, a bit each, because the next

@@ -102,10 +102,8 @@ impl Motors {
         }
     }
 
-    /// Takes note of an esc.RawCommand of this node, which has commands for the motors `found`. The
-    /// commands that are kept for others are unpacked.
+    /// Takes note of an esc.RawCommand of this node, which has commands for the motors `found`.
     pub fn leave_out(&mut self, source: u8, found: u8) {
-        self.kept &= found;
         self.left_out = self.motors & !found;
         self.left_out_by = source;
     }
