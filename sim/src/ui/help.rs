@@ -168,7 +168,7 @@ Examples:
                                          an autopilot of the other dialect replaces the first at 4 s
   sim --no-autopilot --slcan ./can       a port for the DroneCAN GUI Tool: slcan: and its whole path
   sim --serial ./arduino                 a port for a terminal program; opening it resets the board
-  sim --bootloader --slcan ./can         a node that takes updates over the bus: docs/update.md
+  sim --bootloader --slcan ./can         with the bootloader for updates: docs/update.md
   sim --elf sketch.elf --board uno --shield module --no-autopilot
                                          your own program for an Uno with a blue module, 8 MHz
   sim --elf sketch.elf --board uno --watch D8,A1 --set D7=low --set A0=2.5V
